@@ -1,0 +1,1 @@
+"""Cameras and rotation stages, the frames they produce, and recordings of them."""

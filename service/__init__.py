@@ -1,0 +1,1 @@
+"""The acquisition daemon and its command line."""

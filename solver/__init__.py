@@ -1,0 +1,1 @@
+"""Depth superresolution from slightly rotated time-of-flight frames: arrays in, arrays out."""

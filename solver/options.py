@@ -1,0 +1,33 @@
+"""How to fuse: the choices a caller may make."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+Method = Literal[
+    "auto", "nearest", "bicubic", "shift-and-add", "ibsr", "mrf", "lidarboost", "area", "phasor"
+]
+
+
+@dataclass(frozen=True, slots=True)
+class FusionOptions:
+    """Choices of one fusion.
+
+    Attributes:
+        method: which fusion; `auto` is `phasor` where amplitude and ambiguity range are given, else `area`.
+        upsampling: β, the integer factor between low- and high-resolution pixels.
+        regularization: λ, or `auto` to set it from the noise level. In units of distance; for `phasor` in
+            units of the median amplitude; for `ibsr` the paper's, on distance rescaled to 0..182.
+        tolerance: relative error of the objective at which the iteration stops.
+        max_iterations: bound on the iterations; reaching it gives `converged = False` and a warning.
+        amplitude_threshold: amplitude under which a sample is not used, in the amplitude's unit;
+            0 = none, `auto` = from the noise law.
+        fill: how far, in low-resolution pixels, unseen pixels are filled from the nearest used sample.
+    """
+
+    method: Method = "auto"
+    upsampling: int = 4
+    regularization: float | Literal["auto"] = "auto"
+    tolerance: float = 1e-3
+    max_iterations: int = 1000
+    amplitude_threshold: float | Literal["auto"] = "auto"
+    fill: float = 5.0

@@ -1,0 +1,63 @@
+"""What every method is given, and what it gives back: the border between `fuse` and the methods."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.options import FusionOptions
+from solver.result import Progress
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Registered frames, ready to be fused.
+
+    Attributes:
+        distance: (N, H, W) float32, NaN = not used.
+        amplitude: (N, H, W) float32, linear in the received light, or None.
+        positions: (N, H, W, 2) float32, (row, column) in low-resolution pixels of frame 0 at which each pixel
+            looks; integer coordinates are pixel centres.
+        sigma: (N, H, W) float32, one standard deviation of each distance sample; 0 = noise-free.
+        noise: c in σ = c / amplitude; without amplitude, σ itself.
+        ambiguity_range: in the unit of distance, or None.
+        guide: (βH, βW) float32 intensity, or None.
+        options: the caller's choices, `method` already resolved.
+    """
+
+    distance: NDArray[np.float32]
+    amplitude: NDArray[np.float32] | None
+    positions: NDArray[np.float32]
+    sigma: NDArray[np.float32]
+    noise: float
+    ambiguity_range: float | None
+    guide: NDArray[np.float32] | None
+    options: FusionOptions
+
+    @property
+    def fused_shape(self) -> tuple[int, int]:
+        """(βH, βW)."""
+        height, width = self.distance.shape[1:]
+        return height * self.options.upsampling, width * self.options.upsampling
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """A method's map before filling.
+
+    Attributes:
+        distance: (βH, βW) float32, NaN = not known to the method.
+        amplitude: (βH, βW) float32, or None.
+        regularization, iterations, objective, gap, converged: as in `Report`.
+    """
+
+    distance: NDArray[np.float32]
+    amplitude: NDArray[np.float32] | None
+    regularization: float | None
+    iterations: int
+    objective: float | None
+    gap: float | None
+    converged: bool
+
+
+__all__ = ["Problem", "Progress", "Solution"]

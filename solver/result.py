@@ -1,0 +1,68 @@
+"""What a fusion returns."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Progress = Callable[[int, float, float | None], None]
+"""Called with (iteration, objective, gap or None); raising in it cancels the fusion."""
+
+
+@dataclass(frozen=True, slots=True)
+class Seconds:
+    """Wall-clock time of the two stages, in seconds."""
+
+    registration: float
+    solve: float
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """How a fusion went.
+
+    Attributes:
+        method: the method used (never `auto`).
+        regularization: the λ used, or None for methods without one.
+        iterations: iterations of the solve.
+        objective: value of the method's objective at the result, or None for methods without one.
+        gap: relative duality gap (P − D) / P, or None for methods without one.
+        converged: whether the stopping rule was met within `max_iterations`.
+        seconds: time of registration and of the solve.
+        noise: c in σ(distance) = c / amplitude (given or estimated); without amplitude, σ itself.
+        used: numbers of the frames that were fused, in the order given.
+        rejected: reason by frame number for those that were not.
+    """
+
+    method: str
+    regularization: float | None
+    iterations: int
+    objective: float | None
+    gap: float | None
+    converged: bool
+    seconds: Seconds
+    noise: float | None
+    used: tuple[int, ...]
+    rejected: dict[int, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Fused:
+    """A fused map on the grid of frame 0, β times as fine.
+
+    Attributes:
+        distance: (βH, βW) float32, the unit of the input; NaN = unknown.
+        deviation: (βH, βW) float32, one standard deviation, same unit.
+        amplitude: (βH, βW) float32 where the method gives one.
+        shifts: (N, 2) low-resolution pixels (dy, dx) at the image centre.
+        rotations: (N, 3) rotation vectors in radians, or None where displacements were used.
+        report: how the fusion went.
+    """
+
+    distance: NDArray[np.float32]
+    deviation: NDArray[np.float32]
+    amplitude: NDArray[np.float32] | None
+    shifts: NDArray[np.float64]
+    rotations: NDArray[np.float64] | None
+    report: Report
