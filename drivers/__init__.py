@@ -1,1 +1,46 @@
 """Cameras and rotation stages, the frames they produce, and recordings of them."""
+
+from drivers.backends import backend_names, make_camera, make_stage
+from drivers.calibration import Calibration, sr3000_calibration, sr4000_calibration
+from drivers.camera import Camera
+from drivers.errors import (
+    DeviceLostError,
+    DeviceTimeoutError,
+    DriverError,
+    EndOfRecordingError,
+    InitialisationError,
+    LimitError,
+    NotAvailableError,
+    OperationError,
+    RecordingError,
+    StateError,
+)
+from drivers.frame import Frame
+from drivers.settings import CameraSettings, Capabilities
+from drivers.stage import Limits, Position, Stage
+
+__all__ = [
+    "Calibration",
+    "Camera",
+    "CameraSettings",
+    "Capabilities",
+    "DeviceLostError",
+    "DeviceTimeoutError",
+    "DriverError",
+    "EndOfRecordingError",
+    "Frame",
+    "InitialisationError",
+    "LimitError",
+    "Limits",
+    "NotAvailableError",
+    "OperationError",
+    "Position",
+    "RecordingError",
+    "Stage",
+    "StateError",
+    "backend_names",
+    "make_camera",
+    "make_stage",
+    "sr3000_calibration",
+    "sr4000_calibration",
+]

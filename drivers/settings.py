@@ -1,0 +1,52 @@
+"""What can be set on a camera, and what a camera can do."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from drivers.frame import AmplitudeMode, ambiguity_range
+
+
+class CameraSettings(BaseModel):
+    """Settings that every camera understands; a camera refuses values that it cannot take."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    integration_time: float = Field(
+        0.030, gt=0, le=0.1, description="Seconds per phase sample; a frame takes four."
+    )
+    modulation_frequency: float = Field(20e6, ge=1e6, le=100e6, description="Modulation frequency, Hz.")
+    frame_rate: float | None = Field(
+        None, gt=0, le=1000, description="Frames per second; none = as fast as the integration time allows."
+    )
+    amplitude_threshold: int = Field(
+        0, ge=0, le=0xFFFF, description="Counts under which the camera itself rejects a pixel; 0 = none."
+    )
+    amplitude_mode: AmplitudeMode = Field(
+        "linear", description="`linear` in the received light, or `gray`: multiplied by distance²."
+    )
+
+    @property
+    def ambiguity_range(self) -> float:
+        """Metres."""
+        return ambiguity_range(self.modulation_frequency)
+
+
+@dataclass(frozen=True, slots=True)
+class Capabilities:
+    """What a camera is.
+
+    Attributes:
+        shape: (rows, columns) of its images.
+        source: `device` for hardware, `replay` for a recording, `simulation`.
+        carries_pose: its frames bring their own stage angles, burst and pose (a recording does).
+        model: what it is, for people.
+        serial: serial number, or None where it has none.
+    """
+
+    shape: tuple[int, int]
+    source: Literal["device", "replay", "simulation"]
+    carries_pose: bool
+    model: str
+    serial: str | None = None
