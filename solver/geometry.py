@@ -1,0 +1,157 @@
+"""From distance to depth, points and normals, and the calibration of the fused image."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from solver.errors import FusionInputError
+from solver.lens import camera_matrix, distort, lens_coefficients, pixel_rays, rays_through, tilt_matrix
+from solver.positions import rotation_matrix
+
+
+def depth_from_distance(
+    distance: ArrayLike, intrinsics: ArrayLike, distortion: ArrayLike | None = None
+) -> NDArray[np.float32]:
+    """Z along the optical axis of each radial distance, (H, W) or (N, H, W) float32, the same unit.
+
+    Z = distance / ‖(x, y, 1)‖ with (x, y) the pixel's undistorted ray. NaN stays NaN.
+
+    Raises:
+        FusionInputError: wrong shape, bad intrinsics or distortion.
+    """
+    image = _image(distance)
+    rays = pixel_rays((image.shape[-2], image.shape[-1]), intrinsics, distortion)
+    length = np.sqrt(1.0 + rays[..., 0] ** 2 + rays[..., 1] ** 2)
+    return (image / length).astype(np.float32)
+
+
+def distance_from_depth(
+    depth: ArrayLike, intrinsics: ArrayLike, distortion: ArrayLike | None = None
+) -> NDArray[np.float32]:
+    """The inverse of `depth_from_distance`."""
+    image = _image(depth)
+    rays = pixel_rays((image.shape[-2], image.shape[-1]), intrinsics, distortion)
+    return (image * np.sqrt(1.0 + rays[..., 0] ** 2 + rays[..., 1] ** 2)).astype(np.float32)
+
+
+def points_from_distance(
+    distance: ArrayLike, intrinsics: ArrayLike, distortion: ArrayLike | None = None
+) -> NDArray[np.float32]:
+    """Points (x right, y down, z forward) of each pixel, (H, W, 3) or (N, H, W, 3) float32, the same unit."""
+    depth = depth_from_distance(distance, intrinsics, distortion)
+    rays = pixel_rays((depth.shape[-2], depth.shape[-1]), intrinsics, distortion)
+    return np.stack([depth * rays[..., 0], depth * rays[..., 1], depth], axis=-1).astype(np.float32)
+
+
+def normals_from_points(points: ArrayLike) -> NDArray[np.float32]:
+    """Unit normals (H, W, 3) float32 that face the camera, NaN where a neighbour is missing.
+
+    The cross product of the two tangents, each the shorter of its forward and backward differences, so that a
+    normal beside a depth edge belongs to its own surface.
+
+    Raises:
+        FusionInputError: not (H, W, 3).
+    """
+    grid = np.asarray(points, dtype=np.float32)
+    if grid.ndim != 3 or grid.shape[2] != 3:
+        raise FusionInputError(f"points have shape {grid.shape}; expected (H, W, 3)")
+    normal = np.cross(_tangent(grid, axis=0), _tangent(grid, axis=1))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+        away = np.sum(normal * grid, axis=2) > 0
+    normal[away] *= -1
+    return normal.astype(np.float32)
+
+
+def fused_intrinsics(intrinsics: ArrayLike, upsampling: int) -> NDArray[np.float64]:
+    """The camera matrix of the fused image: f' = βf, c' = β(c + ½) − ½; the distortion is unchanged.
+
+    Raises:
+        FusionInputError: bad intrinsics, or β not a positive integer.
+    """
+    if upsampling != int(upsampling) or upsampling < 1:
+        raise FusionInputError(f"upsampling is {upsampling}; expected a positive integer")
+    K = camera_matrix(intrinsics).copy()
+    K[0, 0] *= upsampling
+    K[1, 1] *= upsampling
+    K[:2, 2] = upsampling * (K[:2, 2] + 0.5) - 0.5
+    return K
+
+
+def rotations_to_shifts(
+    rotations: ArrayLike,
+    shape: tuple[int, int],
+    intrinsics: ArrayLike,
+    distortion: ArrayLike | None = None,
+) -> NDArray[np.float64]:
+    """Displacement (dy, dx) of the image centre for each rotation vector, (N, 2) low-resolution pixels.
+
+    Raises:
+        FusionInputError: not (N, 3), bad intrinsics or distortion.
+    """
+    turns = np.asarray(rotations, dtype=np.float64)
+    if turns.ndim != 2 or turns.shape[1] != 3:
+        raise FusionInputError(f"rotations have shape {turns.shape}; expected (N, 3)")
+    K, lens = camera_matrix(intrinsics), lens_coefficients(distortion)
+    centre = np.array([(shape[0] - 1) / 2, (shape[1] - 1) / 2])
+    ray = np.append(rays_through(centre, K, lens), 1.0)
+    turned = np.stack([rotation_matrix(turn) @ ray for turn in turns])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x, y = turned[:, 0] / turned[:, 2], turned[:, 1] / turned[:, 2]
+    u, v = distort(x, y, lens)[:2]
+    plane = np.stack([u, v, np.ones_like(u)], axis=-1) @ tilt_matrix(lens).T
+    rows = plane[:, 1] / plane[:, 2] * K[1, 1] + K[1, 2]
+    columns = plane[:, 0] / plane[:, 2] * K[0, 0] + K[0, 2]
+    shifts: NDArray[np.float64] = np.stack([rows, columns], axis=-1) - centre
+    shifts[turned[:, 2] <= 0] = np.nan
+    return shifts
+
+
+def shifts_to_rotations(
+    shifts: ArrayLike,
+    shape: tuple[int, int],
+    intrinsics: ArrayLike,
+    distortion: ArrayLike | None = None,
+) -> NDArray[np.float64]:
+    """Rotation vectors (N, 3) without roll that displace the image centre by (dy, dx).
+
+    The inverse of `rotations_to_shifts` on its range: the shortest turn that takes the ray of the centre to
+    the ray that looks at the displaced centre.
+
+    Raises:
+        FusionInputError: not (N, 2), bad intrinsics or distortion.
+    """
+    moves = np.asarray(shifts, dtype=np.float64)
+    if moves.ndim != 2 or moves.shape[1] != 2:
+        raise FusionInputError(f"shifts have shape {moves.shape}; expected (N, 2)")
+    K, lens = camera_matrix(intrinsics), lens_coefficients(distortion)
+    centre = np.array([(shape[0] - 1) / 2, (shape[1] - 1) / 2])
+    start = _unit(rays_through(centre, K, lens))
+    turns = np.zeros((len(moves), 3))
+    for turn, move in zip(turns, moves, strict=True):
+        end = _unit(rays_through(centre + move, K, lens))
+        axis = np.cross(start, end)
+        sine = float(np.linalg.norm(axis))
+        if sine > 0:
+            turn[:] = axis / sine * np.arctan2(sine, float(start @ end))
+    return turns
+
+
+def _unit(ray: NDArray[np.float64]) -> NDArray[np.float64]:
+    vector: NDArray[np.float64] = np.append(ray, 1.0)
+    return vector / np.linalg.norm(vector)
+
+
+def _tangent(points: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
+    step = np.diff(points, axis=axis)
+    gap = np.full_like(np.take(points, [0], axis=axis), np.nan)
+    forward = np.concatenate([step, gap], axis=axis)
+    backward = np.concatenate([gap, step], axis=axis)
+    f, b = (np.nan_to_num((t * t).sum(axis=2, keepdims=True), nan=np.inf) for t in (forward, backward))
+    return np.where(f <= b, forward, backward)
+
+
+def _image(values: ArrayLike) -> NDArray[np.float64]:
+    image = np.asarray(values, dtype=np.float64)
+    if image.ndim not in (2, 3):
+        raise FusionInputError(f"image has shape {image.shape}; expected (H, W) or (N, H, W)")
+    return image
