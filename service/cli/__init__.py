@@ -1,0 +1,157 @@
+"""The command line: a table of commands, each imported only when it is used, and what their errors mean."""
+
+import os
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Annotated, Any, NoReturn
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from service.versions import software_version
+
+DONE, FAILED, USAGE, DATA_LOST = 0, 1, 2, 3
+"""Exit statuses."""
+
+_INTERRUPTED = 130
+"""What shells report for a program ended by SIGINT: 128 + 2."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One command: `attribute` of `module` is a plain function, or a `typer.Typer` with its own commands."""
+
+    module: str
+    attribute: str
+    summary: str
+    panel: str
+
+
+_DAEMON, _LIVE = "The service", "Talking to a running service"
+_RECORDINGS, _DEVICES, _REST = "Recordings", "Devices", "Everything else"
+
+COMMANDS: dict[str, Entry] = {}
+"""Every command, in the order that help shows them."""
+
+
+class LazyGroup(TyperGroup):
+    """Looks commands up in the table, and turns every error into one line and an exit status."""
+
+    _listing = False
+
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ARG002
+        entry = COMMANDS.get(cmd_name)
+        if entry is None:
+            return None
+        if self._listing:
+            return TyperCommand(
+                cmd_name, callback=None, help=entry.summary, rich_help_panel=entry.panel, params=[]
+            )
+        return _load(cmd_name, entry)
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        self._listing = True
+        try:
+            super().format_help(ctx, formatter)
+        finally:
+            self._listing = False
+
+    def main(self, *args: Any, standalone_mode: bool = True, **extra: Any) -> Any:
+        extra["standalone_mode"] = False
+        try:
+            status = super().main(*args, **extra)
+        except Exception as error:
+            status = _report(error)
+        if not standalone_mode:
+            return status
+        sys.exit(status if isinstance(status, int) else DONE)
+
+
+def _load(name: str, entry: Entry) -> Any:
+    found: typer.Typer | Callable[..., Any] = getattr(import_module(entry.module), entry.attribute)
+    if not isinstance(found, typer.Typer):
+        single = typer.Typer(add_completion=False, rich_markup_mode="rich")
+        single.command(name)(found)
+        found = single
+    command = typer.main.get_command(found)
+    command.name = name
+    return command
+
+
+def _report(error: Exception) -> int:
+    """Say on standard error what went wrong, in one line; returns the exit status."""
+    from drivers.errors import DriverError
+    from service.errors import ConfigurationError, ServiceError
+    from solver.errors import FusionError
+
+    if os.environ.get("LIDARBOOST_DEBUG"):
+        raise error
+    if isinstance(error, BrokenPipeError):
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123 — or Python complains again when it flushes at exit
+        return FAILED
+    if isinstance(error, typer.Abort):
+        return _say("interrupted", _INTERRUPTED)
+    if isinstance(error, typer.TyperException):
+        return _say(_usage(error), error.exit_code)
+    if isinstance(error, ConfigurationError):
+        return _say(str(error), USAGE)
+    if isinstance(error, (ServiceError, DriverError, FusionError)):
+        return _say(str(error), FAILED)
+    if isinstance(error, OSError):
+        where = f"{error.filename}: " if error.filename else ""
+        return _say(f"{where}{error.strerror or error}", FAILED)
+    fault = f"{type(error).__name__}: {error}"
+    return _say(f"internal error, {fault} (set LIDARBOOST_DEBUG=1 to see where)", FAILED)
+
+
+def _usage(error: typer.TyperException) -> str:
+    context = getattr(error, "ctx", None)
+    message = error.format_message().rstrip(".")
+    return f"{message} (see: {context.command_path} --help)" if context is not None else message
+
+
+def _say(message: str, status: int) -> int:
+    print("error:", " ".join(message.split()), file=sys.stderr)
+    return status
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print("lidarboost", software_version())
+        raise typer.Exit
+
+
+app = typer.Typer(cls=LazyGroup, rich_markup_mode="rich", pretty_exceptions_enable=False, add_completion=True)
+
+
+@app.callback(
+    invoke_without_command=True,
+    epilog="Exit status: 0 done, 1 failed, 2 wrong usage or configuration, 3 done with data lost. "
+    "Errors are one line on standard error; LIDARBOOST_DEBUG=1 adds the traceback.",
+)
+def _root(
+    context: typer.Context,
+    _version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Live depth superresolution for SwissRanger-class time-of-flight cameras.
+
+    Begin with a recording:  lidarboost run --replay recordings/wedges.mcap --once --output out
+
+    or with everything simulated, camera and stage:  lidarboost run --output out
+    """
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+        raise typer.Exit(USAGE)
+
+
+def main() -> NoReturn:
+    """The console command `lidarboost`."""
+    app()
+    raise SystemExit(DONE)
