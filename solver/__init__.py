@@ -1,1 +1,36 @@
 """Depth superresolution from slightly rotated time-of-flight frames: arrays in, arrays out."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from solver.errors import FusionError, FusionInputError, FusionWarning, RegistrationError
+from solver.options import FusionOptions, Method
+from solver.result import Fused, Progress, Report, Seconds
+
+if TYPE_CHECKING:
+    from solver.fuse import fuse
+
+__all__ = [
+    "Fused",
+    "FusionError",
+    "FusionInputError",
+    "FusionOptions",
+    "FusionWarning",
+    "Method",
+    "Progress",
+    "RegistrationError",
+    "Report",
+    "Seconds",
+    "fuse",
+]
+
+# Imported on use: they need Numba, which takes longer to import than most commands to run.
+_LAZY = {"fuse": "solver.fuse"}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LAZY:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(_LAZY[name]), name)
+    globals()[name] = value
+    return value

@@ -3,9 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-Method = Literal[
-    "auto", "nearest", "bicubic", "shift-and-add", "ibsr", "mrf", "lidarboost", "area", "phasor"
-]
+Method = Literal["auto", "nearest", "bicubic", "shift-and-add", "ibsr", "mrf", "lidarboost", "area", "phasor"]
 
 
 @dataclass(frozen=True, slots=True)
