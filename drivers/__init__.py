@@ -14,6 +14,7 @@ from drivers.errors import (
     OperationError,
     RecordingError,
     StateError,
+    StorageError,
 )
 from drivers.frame import Frame
 from drivers.settings import CameraSettings, Capabilities
@@ -38,6 +39,7 @@ __all__ = [
     "RecordingError",
     "Stage",
     "StateError",
+    "StorageError",
     "backend_names",
     "make_camera",
     "make_stage",

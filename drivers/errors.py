@@ -39,3 +39,7 @@ class EndOfRecordingError(OperationError):
 
 class RecordingError(DriverError):
     """A file is not a recording that can be read: wrong format, torn, empty, or without what is needed."""
+
+
+class StorageError(DriverError):
+    """A recording cannot be written: disk full, no permission. What was written before stays readable."""

@@ -1,0 +1,188 @@
+"""Writing a recording: one MCAP file with everything needed to fuse and to judge it later."""
+
+import json
+import platform
+import uuid
+from collections.abc import Mapping
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Self, cast
+
+from mcap.data_stream import RecordBuilder
+from mcap.records import DataEnd, Footer
+from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
+
+from drivers.calibration import Calibration, Mount
+from drivers.errors import StateError, StorageError
+from drivers.frame import Frame
+from drivers.messages import Message, Schema, calibration_message, frame_messages
+from drivers.recording import attachments
+from drivers.recording.output import Output
+
+CHUNK_SIZE = 256 * 1024
+"""Bytes before compression; two or three frames, the most that is lost when the process is killed."""
+
+SEQUENCE_MASK = 0xFFFFFFFF
+"""MCAP counts in 32 bits; camera/frame holds the whole number."""
+
+_DISTRIBUTIONS = ("lidarboost", "numpy", "scipy", "numba", "mcap", "foxglove-schemas-protobuf")
+
+
+class RecordingWriter:
+    """A recording being written, under `path + ".active"` until it is closed.
+
+    As a context manager it closes at the end, and discards the file when an exception passes, except when
+    the disk failed: then what was written is kept.
+
+    Args:
+        path: where the recording shall be.
+        metadata: run id, rig, camera serial and what else is known; run id and software version are added.
+
+    Raises:
+        StorageError: the file cannot be made or written. Writing is over then; `close` keeps what there is.
+    """
+
+    def __init__(self, path: Path | str, metadata: Mapping[str, str] | None = None) -> None:
+        self.path = Path(path)
+        self._schemas: dict[Schema, int] = {}
+        self._channels: dict[str, tuple[int, Schema]] = {}
+        self._attached: set[str] = set()
+        self._is_closed = False
+        self._output = Output(self.path)
+        self._writer = Writer(
+            cast(IO[bytes], self._output), chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD
+        )
+        try:
+            self._begin(metadata or {})
+        except BaseException:
+            self.discard()
+            raise
+
+    @property
+    def size(self) -> int:
+        """Bytes in the file so far; up to one chunk more is held in memory."""
+        return self._output.tell()
+
+    def attach(self, name: str, data: bytes, media_type: str, log_time: int = 0) -> None:
+        """Add a named file; `log_time` in ns since the epoch, 0 = not known."""
+        self._require_open()
+        self._writer.add_attachment(log_time, log_time, name, media_type, data)
+        self._attached.add(name)
+
+    def write(self, message: Message, log_time: int) -> None:
+        """Append a message; `log_time` is when this host received it, ns since the epoch."""
+        self._require_open()
+        self._writer.add_message(
+            channel_id=self._channel(message),
+            log_time=log_time,
+            data=message.payload,
+            publish_time=message.publish_time,
+            sequence=message.sequence & SEQUENCE_MASK,
+        )
+
+    def write_frame(self, frame: Frame, mount: Mount, log_time: int | None = None) -> None:
+        """Append a frame with its stage transform; `log_time` is its own timestamp where not given."""
+        for message in frame_messages(frame, mount):
+            self.write(message, frame.timestamp if log_time is None else log_time)
+
+    def write_calibration(self, calibration: Calibration, timestamp: int) -> None:
+        """Append the calibration as a message and, once in a file, attach it whole."""
+        self._require_open()
+        if attachments.CALIBRATION not in self._attached:
+            self.attach(
+                attachments.CALIBRATION, calibration.to_toml().encode(), "application/toml", timestamp
+            )
+        self.write(calibration_message(calibration, timestamp), timestamp)
+
+    def flush(self, *, sync: bool = False) -> None:
+        """Make everything written so far readable, should the process die; with `sync` also the machine."""
+        self._require_open()
+        self._writer.flush()  # type: ignore[no-untyped-call]
+        if sync:
+            self._output.sync()
+
+    def close(self) -> None:
+        """Complete the file and give it its name; closing twice does nothing.
+
+        Raises:
+            StorageError: the last chunk or the index did not fit; what was written before has been kept
+                under the final name and can be read.
+        """
+        if self._is_closed:
+            return
+        self._is_closed = True
+        failed_before = self._output.failure is not None
+        if not failed_before:
+            with suppress(StorageError):
+                self._writer.finish()  # type: ignore[no-untyped-call]
+        if self._output.failure is not None:
+            self._output.append_last(_ending())
+        self._output.finish()
+        if self._output.failure is not None and not failed_before:
+            raise self._output.failure
+
+    def discard(self) -> None:
+        """Give up: remove the file."""
+        if not self._is_closed:
+            self._is_closed = True
+            self._output.discard()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is None or self._output.failure is not None:
+            self.close()
+        else:
+            self.discard()
+
+    def _begin(self, metadata: Mapping[str, str]) -> None:
+        self._writer.start(library=f"lidarboost {_versions()['lidarboost']}")
+        known = {"run_id": uuid.uuid4().hex, "software_version": _versions()["lidarboost"]}
+        self._writer.add_metadata(attachments.METADATA, known | dict(metadata))
+        self.attach(attachments.VERSIONS, json.dumps(_versions(), indent=1).encode(), "application/json")
+
+    def _channel(self, message: Message) -> int:
+        if message.topic not in self._channels:
+            schema = message.schema
+            if schema not in self._schemas:
+                self._schemas[schema] = self._writer.register_schema(
+                    schema.name, schema.encoding, schema.data
+                )
+            channel = self._writer.register_channel(
+                "/" + message.topic, message.message_encoding, self._schemas[schema]
+            )
+            self._channels[message.topic] = channel, schema
+        channel, schema = self._channels[message.topic]
+        if schema is not message.schema and schema != message.schema:
+            raise ValueError(
+                f"topic {message.topic} holds {schema.name}; a message of another schema "
+                f"({message.schema.name}) needs a topic of its own"
+            )
+        return channel
+
+    def _require_open(self) -> None:
+        if self._is_closed:
+            raise StateError(f"cannot write to {self.path}: the recording is closed; open a new one")
+
+
+def _ending() -> bytes:
+    """The end of a valid MCAP file without an index."""
+    builder = RecordBuilder()
+    DataEnd(0).write(builder)
+    Footer(summary_start=0, summary_offset_start=0, summary_crc=0).write(builder)
+    return bytes(builder.end()) + MCAP0_MAGIC  # type: ignore[no-untyped-call]
+
+
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version(), "platform": platform.platform()}
+    for name in _DISTRIBUTIONS:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:  # run from a source tree, or built without a part
+            found[name] = "unknown"
+    return found
