@@ -1,0 +1,50 @@
+"""The frames that become one map."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from drivers.calibration import Calibration
+from drivers.errors import RecordingError
+from drivers.frame import Frame
+
+Source = Literal["device", "replay", "simulation"]
+
+
+@dataclass(frozen=True, slots=True)
+class Burst:
+    """Frames of one run through the plan; the first is the reference, on whose grid the map lies.
+
+    Attributes:
+        id: number of the burst.
+        frames: at least one, all of the calibration's shape.
+        calibration: of the camera that took them.
+        expected: how many frames the plan has; more than `len(frames)` where some are missing.
+
+    Raises:
+        RecordingError: no frame, or frames of another shape than the calibration's.
+    """
+
+    id: int
+    frames: tuple[Frame, ...]
+    calibration: Calibration
+    expected: int
+
+    def __post_init__(self) -> None:
+        if not self.frames:
+            raise RecordingError(f"burst {self.id} has no frame; expected {self.expected}")
+        for frame in self.frames:
+            if frame.shape != self.calibration.shape:
+                raise RecordingError(
+                    f"frame {frame.sequence} has {frame.shape[0]} × {frame.shape[1]} pixels; its calibration "
+                    f"is for {self.calibration.height} × {self.calibration.width}: use the one that belongs to it"
+                )
+
+    @property
+    def reference(self) -> Frame:
+        """The frame that the map is aligned with."""
+        return self.frames[0]
+
+    @property
+    def missing(self) -> int:
+        """Frames that the plan has, but the burst has not."""
+        return max(0, self.expected - len(self.frames))
