@@ -1,13 +1,9 @@
 """The frames that become one map."""
 
 from dataclasses import dataclass
-from typing import Literal
-
 from drivers.calibration import Calibration
 from drivers.errors import RecordingError
 from drivers.frame import Frame
-
-Source = Literal["device", "replay", "simulation"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +17,7 @@ class Burst:
         expected: how many frames the plan has; more than `len(frames)` where some are missing.
 
     Raises:
-        RecordingError: no frame, or frames of another shape than the calibration's.
+        RecordingError: no frame, frames of another shape than the calibration's, or of different ranges.
     """
 
     id: int
@@ -36,7 +32,12 @@ class Burst:
             if frame.shape != self.calibration.shape:
                 raise RecordingError(
                     f"frame {frame.sequence} has {frame.shape[0]} × {frame.shape[1]} pixels; its calibration "
-                    f"is for {self.calibration.height} × {self.calibration.width}: use the one that belongs to it"
+                    f"is for {self.calibration.height} × {self.calibration.width}: use its own"
+                )
+            if frame.ambiguity_range != self.frames[0].ambiguity_range:
+                raise RecordingError(
+                    f"burst {self.id} mixes ambiguity ranges of {self.frames[0].ambiguity_range:g} m and "
+                    f"{frame.ambiguity_range:g} m; expected one modulation frequency in a burst"
                 )
 
     @property

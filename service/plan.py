@@ -98,11 +98,13 @@ def make_plan(
 def lattice(count: int, upsampling: int) -> NDArray[np.float64]:
     """(count, 2) points k · (1, g) / count mod 1.
 
-    Among the g that keep the points nearly farthest apart (within 15 %), the one that hits most sub-pixel cells.
+    Among the g that keep the points nearly farthest apart (within 15 %), the one that hits most cells.
     """
     if count == 1:
         return np.zeros((1, 2))
-    choices = [np.arange(count)[:, None] * np.array([1, g]) / count % 1.0 for g in range(1, count)]
+    choices: list[NDArray[np.float64]] = [
+        np.arange(count)[:, None] * np.array([1, g]) / count % 1.0 for g in range(1, count)
+    ]
     apart = [float(np.hypot(*(points[1:] - np.round(points[1:])).T).min()) for points in choices]
     good = [k for k in range(len(choices)) if apart[k] > 0.85 * max(apart)]
     return choices[max(good, key=lambda k: (coverage(choices[k], upsampling), round(apart[k], 9)))]
@@ -128,7 +130,10 @@ def _spread(
     """One coordinate of each pose, within ±span/2, with these phases as nearly as steps of `step` allow."""
     if span <= 1:
         offsets = (phases - np.round(phases)) * span  # less than a pixel: the phases share what there is
-        return np.trunc(offsets / step) * step if step else offsets
+        if not step:
+            return offsets
+        reached = np.round(offsets / step) * step
+        return np.where(np.abs(reached) <= span / 2, reached, np.trunc(offsets / step) * step)
     found = np.zeros(len(phases))
     for k, (phase, aim) in enumerate(zip(phases, aims, strict=True)):
         candidates = phase + np.arange(np.ceil(-span / 2 - phase), np.floor(span / 2 - phase) + 1)
