@@ -1,0 +1,111 @@
+"""The Zenoh session: a peer on loopback that nobody outside can reach until its own file says otherwise."""
+
+import json
+import logging
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Literal
+
+import zenoh
+
+from service.errors import SessionError
+from service.sockets import holder
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+DEFAULT_PREFIX = "lidarboost/rig"
+
+_SETTINGS = {
+    "scouting/multicast/enabled": "false",
+    "timestamping/enabled": "true",  # caches and late joiners order values by time
+    "transport/shared_memory/enabled": "true",
+    # A fused map is 1.6 MB in batches of 64 KB. With Zenoh's defaults (2 batches, 50 ms) 3 of 75 maps at
+    # 15 Hz were lost over idle TCP on loopback; with room for a whole map none, and a put takes 4 ms at most.
+    "transport/link/tx/queue/size/data": "16",
+    "transport/link/tx/queue/size/data_low": "16",
+    "transport/link/tcp/so_sndbuf": str(4 << 20),
+    # How long one stuck subscriber may hold up the others for each image that it misses, in µs.
+    "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments": "20000",
+}
+"""What is put in force unless the given file says otherwise."""
+
+_log = logging.getLogger(__name__)
+
+
+@contextmanager
+def open_session(
+    listen: Sequence[str] = (DEFAULT_ENDPOINT,),
+    connect: Sequence[str] = (),
+    file: Path | None = None,
+    mode: Literal["peer", "client"] = "peer",
+) -> Iterator[zenoh.Session]:
+    """A session that is always closed: one that is not would hang the interpreter at its exit.
+
+    Args:
+        listen: endpoints such as `tcp/127.0.0.1:7447`; port 0 takes any.
+        connect: endpoints to connect to; they may come up later.
+        file: Zenoh's own JSON5 file; what it sets goes before everything here.
+        mode: a `client` fails at once where nobody listens on `connect`; a `peer` keeps trying.
+
+    Raises:
+        SessionError: the file cannot be read, an endpoint is not one, or its port is in use.
+    """
+    config = _configuration(listen, connect, file, mode)
+    try:
+        session = zenoh.open(config)
+    except zenoh.ZError as error:
+        raise SessionError(_explain(str(error), config)) from error
+    try:
+        yield session
+    finally:
+        try:
+            session.close()  # type: ignore[no-untyped-call]
+        except zenoh.ZError as error:  # a subscriber that stopped reading can outlast Zenoh's own time limit
+            _log.warning("the Zenoh session did not close in time: %s", _brief(str(error)))
+
+
+def _configuration(
+    listen: Sequence[str], connect: Sequence[str], file: Path | None, mode: str
+) -> zenoh.Config:
+    untouched = zenoh.Config()
+    try:
+        config = zenoh.Config.from_file(file) if file is not None else zenoh.Config()
+    except zenoh.ZError as error:
+        raise SessionError(f"{file}: not a Zenoh configuration (JSON5): {_brief(str(error))}") from error
+    settings = _SETTINGS | {
+        "mode": json.dumps(mode),
+        "listen/endpoints": json.dumps(list(listen)),
+        "connect/endpoints": json.dumps(list(connect)),
+    }
+    try:
+        for key, value in settings.items():
+            if config.get_json(key) == untouched.get_json(key):
+                config.insert_json5(key, value)
+    except zenoh.ZError as error:
+        endpoints = ", ".join([*listen, *connect])
+        raise SessionError(
+            f"Zenoh refuses an endpoint of {endpoints}: {_brief(str(error))}; expected for example "
+            f"{DEFAULT_ENDPOINT}"
+        ) from error
+    return config
+
+
+def _explain(error: str, config: zenoh.Config) -> str:
+    in_use = re.search(r"bound to (\S+?:(\d+))[#:].*Address already in use", error)
+    if in_use:
+        endpoint, port = in_use.groups()
+        who = holder(int(port)) or "another process"
+        return (
+            f"{endpoint} is in use by {who}; stop it, or name another port in a Zenoh file "
+            f'(listen: {{ endpoints: ["tcp/127.0.0.1:7448"] }}) given as zenoh.config'
+        )
+    return (
+        f"cannot open the Zenoh session (listen {config.get_json('listen/endpoints')}, connect "
+        f"{config.get_json('connect/endpoints')}): {_brief(error)}"
+    )
+
+
+def _brief(error: str) -> str:
+    """Zenoh's message without the source lines of its own code, on one line."""
+    return " ".join(re.sub(r" at /\S+\.rs:\d+\.?", "", error).split())
