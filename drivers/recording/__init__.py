@@ -1,5 +1,7 @@
 """Recordings: MCAP files of frames with calibration, configuration and truth."""
 
+from drivers.recording.damage import Damage
+from drivers.recording.reader import Recording, open_recording
 from drivers.recording.writer import RecordingWriter
 
-__all__ = ["RecordingWriter"]
+__all__ = ["Damage", "Recording", "RecordingWriter", "open_recording"]

@@ -52,7 +52,10 @@ class RecordingWriter:
         self._is_closed = False
         self._output = Output(self.path)
         self._writer = Writer(
-            cast(IO[bytes], self._output), chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD
+            cast(IO[bytes], self._output),
+            chunk_size=CHUNK_SIZE,
+            compression=CompressionType.ZSTD,
+            enable_data_crcs=True,
         )
         try:
             self._begin(metadata or {})
