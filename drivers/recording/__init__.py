@@ -1,7 +1,8 @@
 """Recordings: MCAP files of frames with calibration, configuration and truth."""
 
+from drivers.recording import attachments
 from drivers.recording.damage import Damage
 from drivers.recording.reader import Recording, open_recording
 from drivers.recording.writer import RecordingWriter
 
-__all__ = ["Damage", "Recording", "RecordingWriter", "open_recording"]
+__all__ = ["Damage", "Recording", "RecordingWriter", "attachments", "open_recording"]
