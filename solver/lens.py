@@ -78,7 +78,7 @@ def pixel_rays(shape: tuple[int, int], intrinsics: ArrayLike, distortion: ArrayL
 @lru_cache(maxsize=8)  # a session has one camera at low and fused resolution; undistorting costs milliseconds
 def _rays(shape: tuple[int, int], intrinsics: tuple[float, ...], lens: tuple[float, ...]) -> Float:
     K, coefficients = np.array(intrinsics).reshape(3, 3), np.array(lens)
-    rays = rays_through(np.stack(np.indices(shape, dtype=np.float64), axis=-1), K, coefficients)
+    rays = rays_through(np.moveaxis(np.indices(shape, dtype=np.float64), 0, -1), K, coefficients)
     rays.setflags(write=False)
     return rays
 

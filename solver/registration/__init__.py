@@ -1,0 +1,5 @@
+"""Where each frame looks, found from the frames themselves."""
+
+from solver.registration.register import Registration, register
+
+__all__ = ["Registration", "register"]

@@ -1,0 +1,141 @@
+"""One Gauss–Newton step of every frame against the mosaic."""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.registration.mosaic import Mosaic
+from solver.registration.motion import Motion
+from solver.registration.samples import Samples
+
+Float = NDArray[np.float64]
+
+HUBER = 1.5  # deviations beyond which a residual counts linearly
+POSITION_ERROR = 0.05  # pixels; the mosaic's error beside an edge, as a displacement
+WEAK = 4.0  # deviations per pixel: where the mosaic is flatter, its slope is mostly noise
+
+
+@dataclass(frozen=True, slots=True)
+class Equations:
+    """Per frame: normal matrix (N, 3, 3), right side (N, 3), and how well the frame fits.
+
+    `overlap` is the share of the frame's used samples that the mosaic covers; `misfit` the mean residual in
+    deviations, each cut at 4, `misfit_at_edges` the same weighted towards where the mosaic has a slope.
+    """
+
+    matrix: Float
+    right: Float
+    overlap: Float
+    misfit: Float
+    misfit_at_edges: Float
+
+
+def normal_equations(
+    samples: Samples, positions: NDArray[np.float32], mosaic: Mosaic, motion: Motion, position_error: float
+) -> Equations:
+    """Linearise y ≈ U(p(θ + δ)) for every frame.
+
+    A residual's variance is σ² + (e |∇U|)², e the mosaic's own error as a displacement: without it a handful
+    of strong edges decides.
+    """
+    covered = 0.02 * float(np.median(mosaic.support[mosaic.support > 0]))
+    sums = _normal_equations(
+        samples.values,
+        samples.weights,
+        positions,
+        mosaic.values,
+        mosaic.support > covered,
+        np.array(mosaic.origin),
+        mosaic.grid,
+        motion.camera(samples.level),
+        motion.rotational,
+        position_error,
+    )
+    matrix = np.empty((len(sums), 3, 3))
+    upper = np.triu_indices(3)
+    matrix[:, upper[0], upper[1]] = sums[:, :6]
+    matrix[:, upper[1], upper[0]] = sums[:, :6]
+    total, seen, misfit, edges, at_edges = sums[:, 9:].T
+    return Equations(
+        matrix,
+        sums[:, 6:9],
+        seen / np.maximum(total, 1),
+        misfit / np.maximum(seen, 1),
+        at_edges / np.maximum(edges, 1e-9),
+    )
+
+
+@numba.njit(cache=True, parallel=True, fastmath=True)
+def _normal_equations(  # type: ignore[no-untyped-def]
+    values, weights, positions, U, covered, origin, grid, camera, rotational, position_error
+):
+    count, height, width = values.shape
+    rows, columns = U.shape
+    sums = np.zeros((count, 14))
+    fy, fx, cy, cx = camera
+    for k in numba.prange(count):
+        total = np.zeros(14)
+        jacobian = np.zeros(3)
+        for i in range(height):
+            for j in range(width):
+                w = weights[k, i, j]
+                if w <= 0.0:
+                    continue
+                total[9] += 1.0
+                row, column = positions[k, i, j, 0], positions[k, i, j, 1]
+                r, c = (row - origin[0]) * grid, (column - origin[1]) * grid
+                if not (r >= 0.0 and c >= 0.0 and r < rows - 1 and c < columns - 1):
+                    continue
+                m, n = int(r), int(c)
+                if not (covered[m, n] and covered[m + 1, n] and covered[m, n + 1] and covered[m + 1, n + 1]):
+                    continue
+                a, d = r - m, c - n
+                u00, u01, u10, u11 = U[m, n], U[m, n + 1], U[m + 1, n], U[m + 1, n + 1]
+                gy = grid * ((1 - d) * (u10 - u00) + d * (u11 - u01))
+                gx = grid * ((1 - a) * (u01 - u00) + a * (u11 - u10))
+                residual = values[k, i, j] - (
+                    (1 - a) * ((1 - d) * u00 + d * u01) + a * ((1 - d) * u10 + d * u11)
+                )
+                slope = gy * gy + gx * gx
+                variance = 1.0 / w + position_error * position_error * slope
+                deviations = abs(residual) / np.sqrt(variance)
+                trust = slope / (slope + WEAK * WEAK / w)
+                weight = trust / variance
+                if deviations > HUBER:
+                    weight *= HUBER / deviations
+                if rotational:
+                    x, y = (column - cx) / fx, (row - cy) / fy
+                    jacobian[0] = -gx * fx * x * y - gy * fy * (1 + y * y)
+                    jacobian[1] = gx * fx * (1 + x * x) + gy * fy * x * y
+                    jacobian[2] = -gx * fx * y + gy * fy * x
+                else:
+                    jacobian[0] = gy * fy
+                    jacobian[1] = gx * fx
+                p = 0
+                for s in range(3):
+                    for t in range(s, 3):
+                        total[p] += weight * jacobian[s] * jacobian[t]
+                        p += 1
+                    total[6 + s] += weight * jacobian[s] * residual
+                total[10] += 1.0
+                total[11] += min(deviations, 4.0)
+                total[12] += trust
+                total[13] += trust * min(deviations, 4.0)
+        sums[k] = total
+    return sums
+
+
+def solve_steps(equations: Equations, anchor: Float, stiffness: Float) -> tuple[Float, Float]:
+    """Steps (N, 3) and covariances (N, 3, 3).
+
+    Args:
+        equations: of the present parameters.
+        anchor: (N, 3) prior minus present parameters.
+        stiffness: (3,) 1/σ² of the prior, so that what the data leave open stays at the prior.
+    """
+    matrix = equations.matrix + np.diag(stiffness)
+    covariance = np.asarray(np.linalg.inv(matrix), np.float64)
+    steps: Float = np.einsum("nij,nj->ni", covariance, equations.right + anchor * stiffness)
+    return steps, covariance
