@@ -149,7 +149,7 @@ _ROWS = (
     ),
     Topic(
         FUSED_REPORT,
-        "lidarboost.Report",
+        "lidarboost.BurstReport",
         "each fusion",
         True,
         _BLOCK,

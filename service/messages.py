@@ -1,0 +1,125 @@
+"""What the service itself publishes, as messages: fused maps, points, reports, status and log."""
+
+import logging
+
+import numpy as np
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from numpy.typing import NDArray
+from pydantic import BaseModel
+
+from drivers.calibration import Calibration, Intrinsics
+from drivers.messages import (
+    CAMERA_FRAME_ID,
+    Message,
+    calibration_message,
+    image_message,
+    json_message,
+    protobuf_message,
+    protobuf_time,
+)
+from service.fusion import FusedBurst
+from service.topics import (
+    FUSED_AMPLITUDE,
+    FUSED_CALIBRATION,
+    FUSED_DEPTH,
+    FUSED_DEVIATION,
+    FUSED_POINTS,
+    FUSED_REPORT,
+    LOG,
+    STATUS,
+)
+from solver.geometry import depth_from_distance, points_from_distance
+
+POINT_FIELDS = ("x", "y", "z", "amplitude", "deviation")
+
+
+def fused_messages(result: FusedBurst) -> list[Message]:
+    """Depth, deviation, amplitude where there is one, calibration and report of a fused map.
+
+    All carry the time of the reference frame, so that its transform applies.
+    """
+    at = result.frame.timestamp, result.frame.sequence
+    lens = result.calibration.distortion or None
+    # Z = distance · cos(angle off the axis), and so is its standard deviation.
+    deviation = depth_from_distance(result.deviation, result.intrinsics, lens)
+    messages = [
+        image_message(FUSED_DEPTH, result.depth, "32FC1", CAMERA_FRAME_ID, *at),
+        image_message(FUSED_DEVIATION, deviation, "32FC1", CAMERA_FRAME_ID, *at),
+        calibration_message(fused_calibration(result), at[0], topic=FUSED_CALIBRATION, sequence=at[1]),
+        json_message(FUSED_REPORT, result.report, *at),
+    ]
+    if result.amplitude is not None:
+        messages.insert(2, image_message(FUSED_AMPLITUDE, result.amplitude, "32FC1", CAMERA_FRAME_ID, *at))
+    return messages
+
+
+def fused_calibration(result: FusedBurst) -> Calibration:
+    """The calibration of the fused image: its intrinsics, the camera's distortion."""
+    K = result.intrinsics
+    rows, columns = result.depth.shape
+    return Calibration(
+        width=columns,
+        height=rows,
+        intrinsics=Intrinsics(fx=K[0, 0], fy=K[1, 1], cx=K[0, 2], cy=K[1, 2]),
+        distortion=result.calibration.distortion,
+        source=result.calibration.source,
+    )
+
+
+def points_message(result: FusedBurst) -> Message:
+    """foxglove.PointCloud of every known pixel: x, y, z in `camera`, amplitude and deviation, float32.
+
+    The deviation is the distance's, along the ray; an amplitude that the method does not give is NaN.
+    """
+    values = fused_points(result)
+    cloud = PointCloud(
+        timestamp=protobuf_time(result.frame.timestamp),
+        frame_id=CAMERA_FRAME_ID,
+        point_stride=values.itemsize * len(POINT_FIELDS),
+        fields=[
+            PackedElementField(name=name, offset=values.itemsize * place, type=PackedElementField.FLOAT32)
+            for place, name in enumerate(POINT_FIELDS)
+        ],
+        data=values.astype("<f4", copy=False).tobytes(),
+    )
+    cloud.pose.orientation.w = 1.0
+    return protobuf_message(FUSED_POINTS, cloud, result.frame.timestamp, result.frame.sequence)
+
+
+def fused_points(result: FusedBurst) -> NDArray[np.float32]:
+    """(P, 5) float32: x, y, z in metres, amplitude and deviation of each known pixel."""
+    known = np.isfinite(result.distance)
+    points = points_from_distance(result.distance, result.intrinsics, result.calibration.distortion or None)
+    amplitude = np.full_like(result.distance, np.nan) if result.amplitude is None else result.amplitude
+    return np.column_stack([points[known], amplitude[known], result.deviation[known]])
+
+
+def status_message(status: BaseModel, timestamp: int) -> Message:
+    """The service's status as JSON."""
+    return json_message(STATUS, status, timestamp)
+
+
+def log_message(record: logging.LogRecord) -> Message:
+    """foxglove.Log of one record of Python's logging."""
+    timestamp = round(record.created * 1e9)
+    message = Log(
+        timestamp=protobuf_time(timestamp),
+        level=_log_level(record.levelno),
+        message=record.getMessage(),
+        name=record.name,
+        file=record.filename,
+        line=record.lineno,
+    )
+    return protobuf_message(LOG, message, timestamp)
+
+
+def _log_level(level: int) -> Log.Level.ValueType:
+    steps = (
+        (logging.CRITICAL, Log.FATAL),
+        (logging.ERROR, Log.ERROR),
+        (logging.WARNING, Log.WARNING),
+        (logging.INFO, Log.INFO),
+    )
+    return next((name for limit, name in steps if level >= limit), Log.DEBUG)
