@@ -7,8 +7,8 @@ image is written as U, bilinear on a grid of a few nodes per pixel, and found fr
 
 with the second term reweighted (lagged diffusivity). Every sample touches 2 × 2 nodes, so the normal
 operator is a nine-point stencil, kept as five coefficient images. The footprint stays inside U: nothing is
-deconvolved, and the aliasing of the single frames cancels. The edge-preserving prior matters: with a quadratic
-one the noise that stays in U pulls the frames towards each other's noise.
+deconvolved, and the aliasing of the single frames cancels. The edge-preserving prior matters: with a
+quadratic one the noise that stays in U pulls the frames towards each other's noise.
 """
 
 from dataclasses import dataclass
