@@ -16,11 +16,13 @@ from drivers.stage import Stage
 CAMERAS: dict[str, tuple[str, str]] = {
     "replay": ("drivers.replay", "ReplayCamera"),
     "simulated": ("drivers.simulated", "SimulatedCamera"),
+    "usb": ("drivers.usb", "UsbCamera"),
 }
 """Camera backends: name → (module, class). Others come by the entry point group `lidarboost.cameras`."""
 
 STAGES: dict[str, tuple[str, str]] = {
     "none": ("drivers.fixed", "FixedStage"),
+    "ptu": ("drivers.stages.ptu", "PtuStage"),
     "simulated": ("drivers.simulated", "SimulatedStage"),
 }
 """Stage backends: name → (module, class). Others come by the entry point group `lidarboost.stages`."""
