@@ -1,0 +1,1 @@
+"""Rotation stages on a serial line."""
