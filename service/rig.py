@@ -1,0 +1,181 @@
+"""The camera on its stage: opened as configured, and opened again when one of them is lost."""
+
+import logging
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from drivers.backends import backend_names, make_camera, make_stage
+from drivers.calibration import Calibration
+from drivers.camera import Camera
+from drivers.clock import Clock, SystemClock
+from drivers.device import Device
+from drivers.errors import DriverError, InitialisationError, NotAvailableError
+from drivers.settings import CameraSettings
+from drivers.stage import Stage
+from service.config import CameraSection, Configuration
+from service.errors import ConfigurationError
+
+REAL_CAMERAS = ("mesasr", "usb")
+"""What `auto` looks for, in this order."""
+
+_FIRST_WAIT, _LONGEST_WAIT = 0.5, 30.0
+"""Seconds before the first attempt to open a lost device again, and at most between later ones."""
+
+D = TypeVar("D", bound=Device)
+
+_log = logging.getLogger(__name__)
+
+
+class Rig:
+    """A camera and a stage, one opened after the other, that come back after a fault.
+
+    Args:
+        camera, stage: closed devices.
+        clock: of the devices.
+        settings: put in force whenever the camera is opened; None = as the camera has them.
+        calibration: replaces the camera's own.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        stage: Stage,
+        clock: Clock | None = None,
+        settings: CameraSettings | None = None,
+        calibration: Calibration | None = None,
+    ) -> None:
+        self.camera, self.stage = camera, stage
+        self.clock = clock if clock is not None else SystemClock()
+        self.settings = settings
+        self._calibration = calibration
+        self.reopened = 0
+
+    @property
+    def calibration(self) -> Calibration:
+        """The configured calibration, else the camera's."""
+        return self._calibration or self.camera.calibration
+
+    def open(self) -> None:
+        """Open and start both; leaves both closed when raising.
+
+        Raises:
+            NotAvailableError, InitialisationError: as the devices; also settings the camera refuses.
+        """
+        try:
+            self.stage.open()
+            self.camera.mount_on(self.stage)
+            self.camera.open()
+            if self.settings is not None:
+                self.camera.settings = self.settings
+            self._check_shape()
+            self.camera.start()
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Release both, whatever state they are in."""
+        for device in (self.camera, self.stage):
+            try:
+                device.close()
+            except DriverError as error:
+                _log.warning("closing %s: %s", type(device).__name__, error)
+
+    def reopen(self, stopping: Callable[[], bool]) -> bool:
+        """Close both and open them again, waiting longer after each failure.
+
+        Returns:
+            False where `stopping` became true first.
+        """
+        self.close()
+        wait = _FIRST_WAIT
+        while not stopping():
+            try:
+                self.open()
+            except DriverError as error:
+                _log.warning("opening again: %s; next attempt in %.1f s", error, wait)
+            else:
+                self.reopened += 1
+                return True
+            self.wait(wait, stopping)
+            wait = min(2 * wait, _LONGEST_WAIT)
+        return False
+
+    def apply(self, settings: CameraSettings) -> None:
+        """Put settings in force, now and after every re-opening; raises as the camera."""
+        self.camera.settings = settings
+        self.settings = settings
+
+    def wait(self, seconds: float, stopping: Callable[[], bool]) -> None:
+        """Let time pass, until `stopping` becomes true."""
+        end = self.clock.now() + round(seconds * 1e9)
+        while not stopping() and self.clock.now() < end:
+            self.clock.sleep(min(0.1, (end - self.clock.now()) * 1e-9))
+
+    def _check_shape(self) -> None:
+        shape, expected = self.camera.capabilities.shape, self.calibration.shape
+        if shape != expected:
+            raise InitialisationError(
+                f"frames have {shape[0]} × {shape[1]} pixels, their calibration is for {expected[0]} × "
+                f"{expected[1]}: name the one that belongs to this camera in camera.calibration"
+            )
+
+
+def make_rig(configuration: Configuration, clock: Clock | None = None) -> Rig:
+    """The configured devices, closed (for `auto`, those that were found).
+
+    Raises:
+        ConfigurationError: an option that a backend does not know or cannot take.
+        NotAvailableError: an unknown backend, a missing library, or no camera at all.
+        RecordingError: `camera.calibration` cannot be read.
+    """
+    clock = clock if clock is not None else SystemClock()
+    section = configuration.camera
+    calibration = Calibration.load(section.calibration) if section.calibration is not None else None
+    stage = _made(make_stage, "stage", configuration.stage.backend, configuration.stage.options, clock)
+    camera = find_camera(section, clock)
+    return Rig(camera, stage, clock, section.settings, calibration)
+
+
+def find_camera(section: CameraSection, clock: Clock) -> Camera:
+    """The camera of a configuration, closed; raises as `make_rig`."""
+    if section.backend != "auto":
+        return _made(make_camera, "camera", section.backend, section.options, clock)
+    reasons = []
+    for name in REAL_CAMERAS:
+        if name not in backend_names("camera"):
+            continue
+        try:
+            camera = make_camera(name, section.options, clock)
+            camera.open()
+        except DriverError as error:
+            reasons.append(f"{name}: {error}")
+        else:
+            camera.close()
+            return camera
+    if section.recording is not None:
+        return _made(make_camera, "camera", "replay", {"path": _existing(section.recording)}, clock)
+    raise NotAvailableError(
+        f"no camera found ({'; '.join(reasons) or 'no backend for a real one'}); connect one, or "
+        "play a recording (--replay FILE, or camera.recording), or set camera.backend = 'simulated'"
+    )
+
+
+def _existing(path: Path) -> Path:
+    if not path.exists():
+        raise ConfigurationError(f"{path}: there is no such recording (camera.recording)")
+    return path
+
+
+def _made(
+    make: Callable[[str, Mapping[str, Any], Clock], D],
+    kind: str,
+    name: str,
+    options: Mapping[str, Any],
+    clock: Clock,
+) -> D:
+    try:
+        return make(name, options, clock)
+    except InitialisationError as error:
+        raise ConfigurationError(f"{kind}.options: {error}") from error
