@@ -1,6 +1,7 @@
 """The frames that become one map."""
 
 from dataclasses import dataclass
+
 from drivers.calibration import Calibration
 from drivers.errors import RecordingError
 from drivers.frame import Frame

@@ -3,7 +3,7 @@
 import time
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +57,7 @@ def fuse_burst(burst: Burst, settings: FusionSection, progress: Progress | None 
         FusionError: the frames cannot be fused; says why.
     """
     began = time.perf_counter()
-    calibration, reference = burst.calibration, burst.reference
+    calibration, reference = burst.calibration, replace(burst.reference)  # without its cached images
     distance, amplitude = stack(burst.frames, calibration)
     turns = relative_rotations([(f.pan, f.tilt) for f in burst.frames], calibration.mount)
     noise = calibration.noise
