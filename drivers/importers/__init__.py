@@ -1,0 +1,6 @@
+"""Frames from the files of other programs."""
+
+from drivers.importers.exposure import Findings, ImportOptions
+from drivers.importers.importing import Import, import_frames
+
+__all__ = ["Findings", "Import", "ImportOptions", "import_frames"]

@@ -1,0 +1,79 @@
+"""What every importer delivers, and what it may be told."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from drivers.calibration import Calibration
+from drivers.frame import AmplitudeMode
+
+
+class ImportOptions(BaseModel):
+    """What a file does not say itself; None = what its format or camera usually has."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    integration_time: float | None = Field(None, gt=0, le=0.1, description="Seconds per phase sample.")
+    modulation_frequency: float | None = Field(None, ge=1e6, le=100e6, description="Hz.")
+    frame_rate: float | None = Field(
+        None, gt=0, le=1000, description="Frames per second of files without times."
+    )
+    amplitude_mode: AmplitudeMode | None = Field(None, description="`linear`, or `gray`: times distance².")
+    calibration: Calibration | None = Field(None, description="The camera's; None = nominal for its model.")
+    accept_inferred: bool = Field(
+        False, description="Read formats of which a part is only inferred, not documented."
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Exposure:
+    """One exposure as a file holds it.
+
+    Attributes:
+        counts: (H, W) uint16, radial, 65536 = one ambiguity range, 0 = rejected.
+        amplitude: (H, W) uint16.
+        time: ns since the file's own zero; None = the file does not say.
+    """
+
+    counts: NDArray[np.uint16]
+    amplitude: NDArray[np.uint16]
+    time: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """The camera behind a file, as far as its format tells.
+
+    Attributes:
+        model: for people.
+        serial: serial number, or None.
+        calibration: nominal or measured for the model; None = nothing is known of its optics.
+        modulation_frequency: Hz, what the model usually runs at.
+        amplitude_mode: what the format usually holds.
+    """
+
+    model: str
+    serial: str | None
+    calibration: Calibration | None
+    modulation_frequency: float
+    amplitude_mode: AmplitudeMode
+
+
+@dataclass(slots=True)
+class Findings:
+    """What a reader has to say beside the frames.
+
+    Attributes:
+        notes: what was assumed or looks odd, one line each.
+        lost: what could not be read.
+    """
+
+    notes: list[str] = field(default_factory=list)
+    lost: list[str] = field(default_factory=list)
+
+    def note(self, text: str) -> None:
+        """Say something once."""
+        if text not in self.notes:
+            self.notes.append(text)
