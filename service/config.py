@@ -1,9 +1,9 @@
 """The configuration: every section and field, with its unit, bounds and default."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from drivers.settings import CameraSettings
 from solver.options import FusionOptions, Method
@@ -112,6 +112,14 @@ class RecordingSection(_Section):
     rotate_size: float = Field(1024.0, ge=1, le=1e6, description="MB after which a new file is begun.")
     rotate_duration: float = Field(3600.0, ge=1, le=1e6, description="Seconds until a new file is begun.")
     budget: float = Field(20_000.0, ge=1, le=1e9, description="MB of all files; the oldest goes when full.")
+
+    @model_validator(mode="after")
+    def _budget_holds_a_file(self) -> Self:
+        if self.budget < self.rotate_size:
+            raise ValueError(
+                f"budget {self.budget:g} MB must be at least rotate_size {self.rotate_size:g} MB"
+            )
+        return self
 
 
 class OutputSection(_Section):
