@@ -1,0 +1,197 @@
+"""A simulated camera and the simulated stage that turns it: stand-ins for the real ones, physics included."""
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, field_validator
+
+from drivers.calibration import Calibration, Footprint, Mount, NoiseLaw, sr3000_calibration
+from drivers.camera import Camera
+from drivers.clock import Clock
+from drivers.device import BackendOptions
+from drivers.errors import DeviceTimeoutError, InitialisationError
+from drivers.frame import Frame
+from drivers.settings import CameraSettings, Capabilities
+from drivers.simulation.render import Renderer, Truth
+from drivers.simulation.scenes import SCENES, build_scene
+from drivers.simulation.sensor import GAIN, expose, noise_coefficient
+from drivers.simulation.stage import SimulatedStage
+from drivers.stage import Position
+
+__all__ = ["SimulatedCamera", "SimulatedStage"]
+
+SAMPLES = 4
+"""Phase samples of a frame, one after the other."""
+
+
+class CameraOptions(BackendOptions):
+    """What the simulated camera looks at, and how it is built."""
+
+    scene: str = Field("wedges", description=f"What it sees: {', '.join(SCENES)}.")
+    seed: int = Field(0, ge=0, description="Of the noise: frame n of a seed is always the same.")
+    noise: bool = Field(True, description="Whether the sensor has noise.")
+    lever_arm: tuple[float, float, float] = Field(
+        (0.0, 0.0, 0.0),
+        description="Projection centre from the stage's axes, metres (x right, y down, z forward). "
+        "With one every pose is rendered anew: a few frames per second instead of 50 and more.",
+    )
+    fill_factor: float = Field(1.0, gt=0, le=1, description="Side of a pixel's sensitive square, in pixels.")
+    readout: float = Field(
+        0.001, ge=0, le=0.1, description="Seconds of each frame beyond four integration times."
+    )
+
+    @field_validator("scene")
+    @classmethod
+    def _known(cls, name: str) -> str:
+        if name not in SCENES:
+            raise ValueError(f"no scene is called {name!r}; there are: {', '.join(SCENES)}")
+        return name
+
+
+class SimulatedCamera(Camera):
+    """An SR3000 before a simulated scene, in the time of its clock.
+
+    It runs freely from `start` on: frame n is exposed in the n-th frame period, whoever looks. `grab` gives
+    the latest complete frame that was not yet delivered, else waits for the next one; frames that nobody took
+    in time are gaps in `sequence`. After a movement the first frame may therefore be a stale one, as with a
+    real camera. It sees the world turn with the stage it is mounted on, each of the four phase samples from
+    the pose at the middle of that sample.
+    """
+
+    Options = CameraOptions
+    options: CameraOptions
+
+    def __init__(self, options: BackendOptions | None = None, clock: Clock | None = None) -> None:
+        super().__init__(options, clock)
+        self._renderer: Renderer | None = None
+        self._seen: tuple[Position, float, NDArray[np.complex128]] | None = None
+        self._epoch = self._first = self._next = 0
+
+    def truth(self, upsampling: int = 4, position: Position | None = None) -> Truth:
+        """The noise-free view at `position` (the stage at rest at (0, 0) by default), β times as fine.
+
+        Raises:
+            StateError: the camera is closed.
+        """
+        self._require_open("ask the truth of")
+        gain = GAIN * self._settings.integration_time
+        return self._rendering().truth(position or Position(0.0, 0.0), upsampling, gain)
+
+    def _open(self) -> None:
+        self._check_rate(self._settings)
+        self._renderer = Renderer(build_scene(self.options.scene), self._calibration())
+        self._first = self._next = 0
+        # Rendered and compiled here, so that the first frame is not late.
+        self._expose([self._pose(self.clock.now())] * SAMPLES, 0)
+
+    def _close(self) -> None:
+        self._renderer = self._seen = None
+
+    def _start(self) -> None:
+        self._restart()
+
+    def _stop(self) -> None:
+        pass
+
+    def _apply(self, settings: CameraSettings) -> CameraSettings:
+        self._check_rate(settings)
+        self._settings = settings
+        self._restart()
+        return settings
+
+    def _grab(self, timeout: float) -> Frame:
+        period, now = self._period(self._settings), self.clock.now()
+        complete = self._first + (now - self._epoch) // period
+        number = max(self._next, complete - 1)
+        ready = self._epoch + (number + 1 - self._first) * period
+        wait = (ready - now) / 1e9
+        self.clock.sleep(min(wait, timeout))
+        if wait > timeout:
+            raise DeviceTimeoutError(
+                f"no frame within {timeout:.3f} s: one takes {period / 1e9:.3f} s with these settings"
+            )
+        self._next = number + 1
+        return self._frame(number, ready - self._exposure(self._settings))
+
+    def _calibration(self) -> Calibration:
+        nominal = sr3000_calibration()
+        coefficient = noise_coefficient(self._settings.ambiguity_range)
+        return nominal.model_copy(
+            update={
+                "mount": Mount(lever_arm=self.options.lever_arm),
+                "footprint": Footprint(fill_factor=self.options.fill_factor),
+                "noise": NoiseLaw(coefficient=coefficient) if self.options.noise else None,
+                "source": "simulated SR3000",
+            }
+        )
+
+    def _capabilities(self) -> Capabilities:
+        return Capabilities(
+            shape=sr3000_calibration().shape,
+            source="simulation",
+            carries_pose=False,
+            model=f"simulated SR3000, scene {self.options.scene}",
+        )
+
+    def _frame(self, number: int, start: int) -> Frame:
+        settings, exposure = self._settings, self._exposure(self._settings)
+        times = [start + exposure * (2 * k + 1) // (2 * SAMPLES) for k in range(SAMPLES)]
+        counts, amplitude = self._expose([self._pose(time) for time in times], number)
+        reported = self._stage.position if self._stage is not None and self._stage.is_open else None
+        return Frame(
+            counts=counts,
+            amplitude=amplitude,
+            timestamp=start + exposure // 2,
+            sequence=number,
+            pan=reported.pan if reported else 0.0,
+            tilt=reported.tilt if reported else 0.0,
+            integration_time=settings.integration_time,
+            modulation_frequency=settings.modulation_frequency,
+            ambiguity_range=settings.ambiguity_range,
+            amplitude_mode=settings.amplitude_mode,
+        )
+
+    def _expose(self, poses: list[Position], number: int) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
+        received = [self._look(pose) for pose in poses]
+        noise = np.random.default_rng([self.options.seed, number]) if self.options.noise else None
+        return expose(received, self._settings, noise)
+
+    def _look(self, pose: Position) -> NDArray[np.complex128]:
+        span = self._settings.ambiguity_range
+        if self._seen is None or self._seen[:2] != (pose, span):
+            self._seen = pose, span, self._rendering().phasor(pose, span)
+        return self._seen[2]
+
+    def _pose(self, timestamp: int) -> Position:
+        if isinstance(self._stage, SimulatedStage):
+            return self._stage.pose_at(timestamp)
+        if self._stage is not None and self._stage.is_open:
+            return self._stage.position
+        return Position(0.0, 0.0)
+
+    def _rendering(self) -> Renderer:
+        assert self._renderer is not None
+        return self._renderer
+
+    def _restart(self) -> None:
+        self._epoch, self._first = self.clock.now(), self._next
+
+    def _exposure(self, settings: CameraSettings) -> int:
+        return round((SAMPLES * settings.integration_time + self.options.readout) * 1e9)
+
+    def _period(self, settings: CameraSettings) -> int:
+        return self._exposure(settings) if settings.frame_rate is None else round(1e9 / settings.frame_rate)
+
+    def _check_rate(self, settings: CameraSettings) -> None:
+        rate, exposure = settings.frame_rate, self._exposure(settings)
+        # A nanosecond of rounding is not an impossible rate.
+        if rate is not None and self._period(settings) < exposure - 1:
+            longest = (1 / rate - self.options.readout) / SAMPLES
+            advice = (
+                f"or integrate for at most {1e3 * longest:.2f} ms" if longest > 0 else "which is the most"
+            )
+            raise InitialisationError(
+                f"{rate:g} frames/s are impossible with an integration time of "
+                f"{1e3 * settings.integration_time:g} ms: a frame takes four of them and "
+                f"{1e3 * self.options.readout:g} ms of readout, {exposure / 1e6:.2f} ms in all; "
+                f"ask for at most {1e9 / exposure:.2f} frames/s {advice}"
+            )
