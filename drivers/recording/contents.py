@@ -11,7 +11,7 @@ from mcap.records import Message as MessageRecord
 from mcap.records import Schema as SchemaRecord
 
 from drivers.errors import RecordingError
-from drivers.messages import Message, Schema
+from drivers.messages import FrameFields, Message, Schema
 from drivers.recording.assembly import FRAME_TOPICS, FrameAssembler
 from drivers.recording.container import MAGIC, Fault, walk
 
@@ -23,13 +23,26 @@ _NO_SCHEMA = Schema("", "jsonschema", b"")
 
 @dataclass(frozen=True, slots=True)
 class FrameEntry:
-    """What is remembered of each frame: counter, time (ns), place in a burst, (rows, columns)."""
+    """What is remembered of each frame: all but its images, and their size (rows, columns)."""
 
-    sequence: int
-    timestamp: int
-    burst: int | None
-    pose: int | None
+    fields: FrameFields
     shape: tuple[int, int]
+
+    @property
+    def sequence(self) -> int:
+        return self.fields.sequence
+
+    @property
+    def timestamp(self) -> int:
+        return self.fields.timestamp
+
+    @property
+    def burst(self) -> int | None:
+        return self.fields.burst
+
+    @property
+    def pose(self) -> int | None:
+        return self.fields.pose
 
 
 @dataclass(slots=True)
@@ -88,9 +101,7 @@ def read_contents(path: Path) -> Contents:
         except RecordingError as error:
             raise RecordingError(f"{path}: {error}") from error
         if frame is not None:
-            contents.frames.append(
-                FrameEntry(frame.sequence, frame.timestamp, frame.burst, frame.pose, frame.shape)
-            )
+            contents.frames.append(FrameEntry(FrameFields.of(frame), frame.shape))
     assembler.finish()
     contents.incomplete.extend(assembler.incomplete)
     return contents

@@ -20,6 +20,7 @@ from drivers.recording import attachments
 from drivers.recording.assembly import FRAME_TOPICS, FrameAssembler
 from drivers.recording.contents import FrameEntry, TopicEntry, read_contents, read_messages
 from drivers.recording.damage import Damage, ShortBurst, unreadable
+from drivers.recording.summary import RecordingSummary, summarise
 
 
 class Recording:
@@ -152,6 +153,10 @@ class Recording:
                     held = []
             if held:
                 yield held
+
+    def summary(self) -> RecordingSummary:
+        """What there is, for people and programs."""
+        return summarise(self)
 
     def problem(self) -> str | None:
         """Why the frames cannot be fused as they are, in one line; None where nothing speaks against it."""
