@@ -1,0 +1,229 @@
+"""Learning a camera from a trace, on captures that the stand-in's own log is written to."""
+
+import numpy as np
+import pytest
+import usb.core
+from usb_captures import (
+    USB_LINUX,
+    USB_LINUX_MMAPPED,
+    USBPCAP,
+    descriptor_request,
+    usbmon_packets,
+    usbpcap_packets,
+    write_pcap,
+    write_pcapng,
+)
+from usb_standin import SR3000_IDS, SR4000_IDS, Firmware, StandIn, Transfer, VendorSoftware, scene
+
+from drivers.clock import VirtualClock
+from drivers.errors import InitialisationError, RecordingError
+from drivers.usb import UsbCamera, discovery
+from drivers.usb.learn import learn
+from drivers.usb.profile import Profile
+from drivers.usb.steps import Control, RegisterWrite, Write
+
+PCAP = bytes.fromhex("d4c3b2a1020004000000000000000000ffff0000")
+"""Start of a classic pcap file, up to its link type."""
+
+EPOCH = 1_700_000_000_000_000_000
+
+SETTINGS = ((9, 24), (9, 49), (9, 149), (7, 0x12), (8, 0x34))
+
+
+@pytest.fixture(scope="module")
+def firmware() -> Firmware:
+    rng = np.random.default_rng(5)
+    return Firmware(uploads=(rng.bytes(131_012), rng.bytes(69_986)), trigger=0xB7)
+
+
+@pytest.fixture(scope="module")
+def session(firmware: Firmware) -> list[Transfer]:
+    """An SR3000 opened, ten frames, five settings with a frame after each, closed."""
+    stand_in = StandIn(SR3000_IDS, firmware=firmware, clock=VirtualClock(EPOCH))
+    device = usb.core.find(backend=stand_in)
+    VendorSoftware(device, firmware).session(10, SETTINGS)
+    return [descriptor_request(SR3000_IDS, EPOCH - 10**9), *stand_in.log]
+
+
+def capture(path, session, kind):
+    if kind == "USBPcap":
+        write_pcapng(path, usbpcap_packets(session), USBPCAP, resolution=6)
+    elif kind == "old USBPcap":
+        write_pcapng(path, usbpcap_packets(session, old=True), USBPCAP, resolution=6)
+    elif kind == "pcap":
+        write_pcap(path, usbmon_packets(session), USB_LINUX_MMAPPED)
+    elif kind == "big-endian":
+        write_pcapng(path, usbmon_packets(session, order=">"), USB_LINUX_MMAPPED, order=">")
+    else:
+        link_type = int(kind)
+        write_pcapng(path, usbmon_packets(session, link_type), link_type)
+    return path
+
+
+KINDS = ["189", "220", "USBPcap", "old USBPcap", "pcap", "big-endian"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_capture_format_gives_the_same_profile(tmp_path, session, firmware, kind):
+    lesson = learn(capture(tmp_path / "trace.pcapng", session, kind))
+    profile = lesson.profile
+    assert profile.model == "SR3000"
+    assert profile.trigger.known == (Control(request_type=0x40, request=0xB7),)
+    assert profile.trigger.confidence == "learned"
+    assert profile.bulk_in.known == 0x86
+    assert profile.image.read_bytes.known == 101376
+    assert profile.finish.known == (Control(request_type=0x40, request=0xCF),)
+    steps = profile.initialise.known
+    uploaded = b"".join(step.data for step in steps if isinstance(step, Write))
+    assert uploaded == b"".join(firmware.uploads)
+    announced = [step.value for step in steps if isinstance(step, Control) and step.request == 0xC1]
+    assert announced == [0, 1]
+    polls = [step for step in steps if isinstance(step, Control) and step.request == 0xC2]
+    assert [poll.until for poll in polls] == [b"R"]
+    assert steps[-1] == RegisterWrite(number=9, value=20)
+    assert any("200998 bytes of bulk data" in finding for finding in lesson.findings)
+    assert any("register 9: 4 writes, 20, 24, 49, 149" in finding for finding in lesson.findings)
+    assert any("request 0xb7" in finding and "(14 of 14 frames)" in finding for finding in lesson.findings)
+
+
+def test_a_learned_profile_drives_the_camera(tmp_path, session, firmware, monkeypatch):
+    told = {"integration_time": [24, 49, 149], "amplitude_threshold": [0x1234]}
+    lesson = learn(capture(tmp_path / "trace.pcapng", session, "220"), registers=told)
+    path = tmp_path / "sr3000.toml"
+    path.write_text(lesson.profile.to_toml())
+    assert Profile.load(path) == lesson.profile
+    clock = VirtualClock()
+    stand_in = StandIn(SR3000_IDS, firmware=firmware, clock=clock)
+    monkeypatch.setattr(discovery, "libusb", lambda: stand_in)
+
+    with pytest.raises(InitialisationError, match=r"learned: trace trace\.pcapng.*allow_inferred = true"):
+        UsbCamera(UsbCamera.Options(profile=path), clock).open()
+    assert not [transfer for transfer in stand_in.log if transfer.setup[0] & 0x60]
+
+    camera = UsbCamera(UsbCamera.Options(profile=path, allow_inferred=True), clock)
+    camera.open()
+    camera.start()
+    frame = camera.grab()
+    assert stand_in.is_ready
+    sent = np.frombuffer(scene(144, 176, 1), "<u2").reshape(2, 144, 176)
+    np.testing.assert_array_equal(frame.counts, sent[0])
+    # the last value of the trace, 149, is (149 + 1) · 0.2 ms
+    assert frame.integration_time == pytest.approx(30e-3)
+    camera.settings = camera.settings.model_copy(
+        update={"integration_time": 5e-3, "amplitude_threshold": 0xABC}
+    )
+    assert stand_in.registers == {9: 24, 7: 0x0A, 8: 0xBC}
+    camera.close()
+    assert stand_in.log[-1].setup[:2] == bytes((0x40, 0xCF))
+
+    # unplugged and back: everything is uploaded and set again
+    stand_in.unplug()
+    stand_in.replug()
+    with camera:
+        camera.start()
+        assert camera.grab().integration_time == pytest.approx(5e-3)
+    assert stand_in.registers == {9: 24, 7: 0x0A, 8: 0xBC}
+
+
+def test_an_ambiguous_register_is_refused(tmp_path, session):
+    with pytest.raises(RecordingError, match=r"no register got the values \[1, 2\]"):
+        learn(capture(tmp_path / "t.pcapng", session, "220"), registers={"integration_time": [1, 2]})
+    stamp = session[-2].completed
+    again = Transfer("write", 0x02, stamp, stamp + 100, sent=bytes((7, 24)), asked=2)
+    path = capture(tmp_path / "u.pcapng", [*session[:-1], again, session[-1]], "220")
+    with pytest.raises(RecordingError, match="registers 7, 9 got"):
+        learn(path, registers={"integration_time": [24]})
+
+
+def test_cut_uploads_are_refused(tmp_path, session):
+    write_pcapng(tmp_path / "t.pcapng", usbmon_packets(session, snap=4096), USB_LINUX_MMAPPED)
+    with pytest.raises(RecordingError, match=r"4032 of 16384 bytes.*snapshot length"):
+        learn(tmp_path / "t.pcapng")
+
+
+def test_frames_may_be_cut_by_the_capture(tmp_path):
+    sr4000 = StandIn(SR4000_IDS, clock=VirtualClock(EPOCH))
+    VendorSoftware(usb.core.find(backend=sr4000)).session(5)
+    log = [descriptor_request(SR4000_IDS, EPOCH - 10**9), *sr4000.log]
+    write_pcapng(tmp_path / "t.pcapng", usbmon_packets(log, USB_LINUX, snap=512), USB_LINUX)
+    profile = learn(tmp_path / "t.pcapng").profile
+    assert profile.model == "SR4000"
+    assert profile.image.read_bytes.known == 101376
+    assert profile.trigger.known == (Control(request_type=0x40, request=0xB0),)
+
+
+def test_other_devices_on_the_bus_are_ignored(tmp_path, session):
+    disk = [
+        Transfer("read", 0x81, EPOCH + n, EPOCH + n + 1, received=bytes(512), asked=512) for n in range(5000)
+    ]
+    others = [(s, d[:11] + bytes((9,)) + d[12:]) for s, d in usbmon_packets(disk)]  # address 9
+    packets = sorted(others + usbmon_packets(session), key=lambda packet: packet[0])
+    write_pcapng(tmp_path / "t.pcapng", packets, USB_LINUX_MMAPPED)
+    assert learn(tmp_path / "t.pcapng").profile.image.read_bytes.known == 101376
+
+
+def test_a_trace_without_descriptor_needs_the_model(tmp_path, session):
+    path = capture(tmp_path / "t.pcapng", session[1:], "220")
+    with pytest.raises(RecordingError, match="--model"):
+        learn(path)
+    assert learn(path, model="SR3000").profile.trigger.known
+    with pytest.raises(RecordingError, match="no model is called 'SR9'; there are: SR2A"):
+        learn(path, model="SR9")
+
+
+def test_failed_transfers_are_left_out(tmp_path, session):
+    stall = Transfer("control", 0, session[3].completed, session[3].completed + 9,
+                     bytes((0x40, 0xEE, 0, 0, 0, 0, 0, 0)), status=32)  # fmt: skip
+    for kind in ("220", "USBPcap"):
+        lesson = learn(capture(tmp_path / "t.pcapng", [*session[:4], stall, *session[4:]], kind))
+        requests = [s.request for s in lesson.profile.initialise.known if isinstance(s, Control)]
+        assert 0xEE not in requests
+        assert any("left out: 1 transfers" in finding for finding in lesson.findings)
+
+
+def test_three_images_a_frame_leave_their_names_open(tmp_path):
+    stand_in = StandIn(SR4000_IDS, planes=3, clock=VirtualClock(EPOCH))
+    VendorSoftware(usb.core.find(backend=stand_in), frame_bytes=3 * 50688).session(6)
+    path = capture(tmp_path / "t.pcapng", stand_in.log, "220")
+    profile = learn(path, model="SR4000").profile
+    assert profile.image.planes.confidence == "unknown"
+    assert "3 images" in profile.image.planes.source
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"not a capture", "neither a pcapng nor a pcap"),
+        (b"", "neither"),
+        (
+            bytes.fromhex("d4c3b2a1020004000000000000000000ffff000001000000") + bytes(16),
+            "link type 1, not of USB",
+        ),
+        (bytes.fromhex("d4c3b2a1020004000000000000000000ffff0000dc000000"), "no packets"),
+    ],
+)
+def test_files_that_are_no_usb_capture(tmp_path, content, message):
+    (tmp_path / "t.pcap").write_bytes(content)
+    with pytest.raises(RecordingError, match=message):
+        learn(tmp_path / "t.pcap")
+
+
+def test_a_torn_capture_is_read_as_far_as_it_goes(tmp_path, session):
+    path = capture(tmp_path / "t.pcapng", session, "220")
+    path.write_bytes(path.read_bytes()[:-100_000])
+    assert learn(path).profile.trigger.known == (Control(request_type=0x40, request=0xB7),)
+
+
+def test_too_few_frames(tmp_path, session):
+    path = capture(tmp_path / "t.pcapng", session[:-32], "220")
+    with pytest.raises(RecordingError, match=r"shows \d frames of the SR3000; record one"):
+        learn(path)
+
+
+def test_a_camera_that_sends_by_itself_has_no_trigger(tmp_path):
+    session = []
+    for start in range(EPOCH, EPOCH + 8 * 10**7, 10**7):
+        session.append(Transfer("read", 0x86, start, start + 9000, received=bytes(101376), asked=101376))
+    profile = learn(capture(tmp_path / "t.pcapng", session, "220"), model="SR4000").profile
+    assert profile.trigger.known == ()
+    assert profile.image.read_bytes.known == 101376
