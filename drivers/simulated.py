@@ -63,7 +63,6 @@ class SimulatedCamera(Camera):
     def __init__(self, options: BackendOptions | None = None, clock: Clock | None = None) -> None:
         super().__init__(options, clock)
         self._renderer: Renderer | None = None
-        self._seen: tuple[Position, float, NDArray[np.complex128]] | None = None
         self._epoch = self._first = self._next = 0
 
     def truth(self, upsampling: int = 4, position: Position | None = None) -> Truth:
@@ -84,7 +83,7 @@ class SimulatedCamera(Camera):
         self._expose([self._pose(self.clock.now())] * SAMPLES, 0)
 
     def _close(self) -> None:
-        self._renderer = self._seen = None
+        self._renderer = None
 
     def _start(self) -> None:
         self._restart()
@@ -151,15 +150,9 @@ class SimulatedCamera(Camera):
         )
 
     def _expose(self, poses: list[Position], number: int) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
-        received = [self._look(pose) for pose in poses]
+        received = self._rendering().correlations(poses, self._settings.ambiguity_range)
         noise = np.random.default_rng([self.options.seed, number]) if self.options.noise else None
         return expose(received, self._settings, noise)
-
-    def _look(self, pose: Position) -> NDArray[np.complex128]:
-        span = self._settings.ambiguity_range
-        if self._seen is None or self._seen[:2] != (pose, span):
-            self._seen = pose, span, self._rendering().phasor(pose, span)
-        return self._seen[2]
 
     def _pose(self, timestamp: int) -> Position:
         if isinstance(self._stage, SimulatedStage):

@@ -1,6 +1,9 @@
 """What a camera at a given pose receives from a scene, before any noise, and the truth behind it."""
 
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,12 +11,15 @@ from numpy.typing import NDArray
 from drivers.calibration import Calibration
 from drivers.poses import camera_centre, camera_rotation
 from drivers.simulation.cast import cast
-from drivers.simulation.footprint import average, summed_area
+from drivers.simulation.footprint import average, fits, summed_area
 from drivers.simulation.scene import Scene
 from drivers.stage import Position
 
 RAYS = 12
 """Rays per pixel side: 3 × 3 for each cell of a map fused ×4."""
+
+WORKERS = 2
+"""Threads; the kernels let go of the interpreter."""
 
 MARGIN = 20
 """Pixels rendered around the view at rest: a turn of 15 px moves the corners of an SR3000's image by 19."""
@@ -40,7 +46,15 @@ class _Field:
 
     turn: NDArray[np.float64]
     ambiguity_range: float
-    table: NDArray[np.float64]
+    tables: NDArray[np.float64]
+
+
+class _Look(NamedTuple):
+    """One image to be had: where from, and which part of the phasor (0 real, 1 imaginary)."""
+
+    position: Position
+    ambiguity_range: float
+    part: int
 
 
 class Renderer:
@@ -52,7 +66,7 @@ class Renderer:
 
     Args:
         scene: in stage axes.
-        calibration: optics without distortion, mount, and footprint without blur.
+        calibration: optics (no distortion), mount, and footprint (its fill factor; no blur).
     """
 
     def __init__(self, scene: Scene, calibration: Calibration) -> None:
@@ -60,26 +74,21 @@ class Renderer:
         self._calibration = calibration
         self._field: _Field | None = None
         self._turns_in_place = not any(calibration.mount.lever_arm)
+        self._seen: dict[_Look, NDArray[np.float64]] = {}
 
-    def phasor(self, position: Position, ambiguity_range: float) -> NDArray[np.complex128]:
-        """(H, W) mean over each pixel's footprint of strength · exp(2πi · distance / ambiguity range).
+    def correlations(self, positions: Sequence[Position], ambiguity_range: float) -> NDArray[np.float64]:
+        """(4, H, W): Re P, Im P, Re P, Im P of what each pixel receives at the pose of each phase sample.
 
-        Strength is reflectivity · cos(incidence) / distance², 1/m².
+        P is the mean over the pixel's footprint of strength · exp(2πi · distance / ambiguity range), strength
+        being reflectivity · cos(incidence) / distance², 1/m².
         """
-        mount = self._calibration.mount
-        turn = camera_rotation(position.pan, position.tilt, mount)
-        centre = camera_centre(position.pan, position.tilt, mount)
-        if not self._turns_in_place:
-            return self._direct(turn, centre, ambiguity_range)
-        if self._field is None or self._field.ambiguity_range != ambiguity_range:
-            about = camera_rotation(0.0, 0.0, mount) if self._field is None else self._field.turn
-            self._field = self._cast_field(about, centre, ambiguity_range)
-        seen = self._integrate(self._field, turn)
-        if seen is None:
-            self._field = self._cast_field(turn, centre, ambiguity_range)
-            seen = self._integrate(self._field, turn)
-        assert seen is not None, "a view fits into the field that was cast about it"
-        return seen
+        looks = [_Look(place, ambiguity_range, k % 2) for k, place in enumerate(positions)]
+        new = list(dict.fromkeys(look for look in looks if look not in self._seen))
+        with ThreadPoolExecutor(WORKERS) as pool:
+            jobs = dict(zip(new, [self._submit(pool, look) for look in new], strict=True))
+            found = {look: job.result() for look, job in jobs.items()}
+        self._seen = {look: found[look] if look in found else self._seen[look] for look in looks}
+        return np.stack([self._seen[look] for look in looks])
 
     def truth(self, position: Position, upsampling: int, gain: float) -> Truth:
         """The view at `position`; `gain` is amplitude per strength.
@@ -119,25 +128,50 @@ class Renderer:
         shape = ((height + 2 * margin) * rays, (width + 2 * margin) * rays)
         return cast(self._surfaces, centre, turn, start, step, shape)
 
-    def _cast_field(
-        self, turn: NDArray[np.float64], centre: NDArray[np.float64], ambiguity_range: float
-    ) -> _Field:
-        distance, strength = self._cast(turn, centre, RAYS, MARGIN)
+    def _submit(self, pool: ThreadPoolExecutor, look: _Look) -> Future[NDArray[np.float64]]:
+        mount = self._calibration.mount
+        turn = camera_rotation(look.position.pan, look.position.tilt, mount)
+        if not self._turns_in_place:
+            return pool.submit(self._direct, turn, look)
+        field = self._field
+        if field is None or field.ambiguity_range != look.ambiguity_range:
+            about = camera_rotation(0.0, 0.0, mount) if field is None else field.turn
+            field = self._cast_field(about, look.ambiguity_range)
+        if not fits(field.tables[0], self._view(field, turn), self._calibration.shape):
+            field = self._cast_field(turn, look.ambiguity_range)
+        self._field = field
+        return pool.submit(self._integrate, field, self._view(field, turn), look.part)
+
+    def _cast_field(self, turn: NDArray[np.float64], ambiguity_range: float) -> _Field:
+        distance, strength = self._cast(turn, np.zeros(3), RAYS, MARGIN)
         return _Field(turn, ambiguity_range, summed_area(distance, strength, 2 * np.pi / ambiguity_range))
 
-    def _integrate(self, field: _Field, turn: NDArray[np.float64]) -> NDArray[np.complex128] | None:
+    def _view(self, field: _Field, turn: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(3, 3) homography from pixels of a camera turned by `turn` to corners of the field's cells."""
         K = self._calibration.intrinsics.matrix
-        to_cells = np.array([[RAYS, 0, RAYS * (MARGIN + 0.5)], [0, RAYS, RAYS * (MARGIN + 0.5)], [0, 0, 1]])
-        view = to_cells @ K @ field.turn.T @ turn @ np.linalg.inv(K)
-        fill = self._calibration.footprint.fill_factor
-        return average(field.table, view, fill, self._calibration.shape)
+        edge = RAYS * (MARGIN + 0.5)
+        to_cells = np.array([[RAYS, 0.0, edge], [0.0, RAYS, edge], [0.0, 0.0, 1.0]])
+        view: NDArray[np.float64] = to_cells @ K @ field.turn.T @ turn @ np.linalg.inv(K)
+        return view
 
-    def _direct(
-        self, turn: NDArray[np.float64], centre: NDArray[np.float64], ambiguity_range: float
-    ) -> NDArray[np.complex128]:
+    def _integrate(self, field: _Field, view: NDArray[np.float64], part: int) -> NDArray[np.float64]:
+        out = np.empty(self._calibration.shape)
+        average(field.tables[part], view, self._calibration.footprint.fill_factor, out)
+        return out
+
+    def _direct(self, turn: NDArray[np.float64], look: _Look) -> NDArray[np.float64]:
         height, width = self._calibration.shape
+        centre = camera_centre(look.position.pan, look.position.tilt, self._calibration.mount)
         distance, strength = self._cast(turn, centre, RAYS, 0)
-        phase = np.where(strength > 0, distance, 0.0) * (2 * np.pi / ambiguity_range)
-        phasors = strength * (np.cos(phase) + 1j * np.sin(phase))
-        mean: NDArray[np.complex128] = phasors.reshape(height, RAYS, width, RAYS).mean(axis=(1, 3))
+        phase = np.where(strength > 0, distance, 0.0) * (2 * np.pi / look.ambiguity_range)
+        wave = strength * (np.sin(phase) if look.part else np.cos(phase))
+        share = self._ray_shares()
+        mean: NDArray[np.float64] = share @ wave.reshape(height, RAYS, width, RAYS).swapaxes(1, 2) @ share
         return mean
+
+    def _ray_shares(self) -> NDArray[np.float64]:
+        """(RAYS,) how much of a pixel's sensitive side lies in the cell of each ray; the sum is 1."""
+        fill = self._calibration.footprint.fill_factor
+        edges = np.clip(np.linspace(-0.5, 0.5, RAYS + 1), -fill / 2, fill / 2)
+        shares: NDArray[np.float64] = np.diff(edges) / fill
+        return shares

@@ -7,8 +7,6 @@ sample k. Both taps of the pixel see the same unmodulated light, so it cancels. 
 that turns meanwhile mixes poses.
 """
 
-from collections.abc import Sequence
-
 import numba
 import numpy as np
 from numpy.typing import NDArray
@@ -38,19 +36,19 @@ def noise_coefficient(ambiguity_range: float) -> float:
 
 
 def expose(
-    received: Sequence[NDArray[np.complex128]], settings: CameraSettings, noise: np.random.Generator | None
+    correlations: NDArray[np.float64], settings: CameraSettings, noise: np.random.Generator | None
 ) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
     """Measure what was received during the four samples.
 
     Args:
-        received: four (H, W) phasors in 1/m² (see `Renderer.phasor`), one per sample.
+        correlations: (4, H, W) Re P0, Im P1, Re P2, Im P3 in 1/m² (see `Renderer.correlations`).
         settings: integration time, amplitude mode and threshold.
         noise: source of the noise, or None for a sensor without any.
 
     Returns:
         (H, W) counts of distance (0 = rejected) and of amplitude.
     """
-    shape = received[0].shape
+    shape = correlations.shape[1:]
     counts, amplitude = np.empty(shape, np.uint16), np.empty(shape, np.uint16)
     noises = np.zeros((4, *shape), np.float32)
     if noise is not None:
@@ -59,20 +57,19 @@ def expose(
         noises *= np.float32(np.sqrt(2) * PHASE_NOISE)
     metres = settings.ambiguity_range / COUNTS_PER_RANGE if settings.amplitude_mode == "gray" else 0.0
     gain = GAIN * settings.integration_time
-    p0, p1, p2, p3 = received
-    _measure(p0, p1, p2, p3, noises, gain, settings.amplitude_threshold, metres, counts, amplitude)
+    _measure(correlations, noises, gain, settings.amplitude_threshold, metres, counts, amplitude)
     return counts, amplitude
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _measure(p0, p1, p2, p3, noises, gain, threshold, metres, counts, amplitude) -> None:  # type: ignore[no-untyped-def]
+def _measure(received, noises, gain, threshold, metres, counts, amplitude) -> None:  # type: ignore[no-untyped-def]
     """Samples to counts and amplitude; `metres` per count for gray mode, 0 for linear."""
     for i in range(counts.shape[0]):
         for j in range(counts.shape[1]):
-            s0 = gain * p0[i, j].real + noises[0, i, j]
-            s1 = gain * p1[i, j].imag + noises[1, i, j]
-            s2 = -gain * p2[i, j].real + noises[2, i, j]
-            s3 = -gain * p3[i, j].imag + noises[3, i, j]
+            s0 = gain * received[0, i, j] + noises[0, i, j]
+            s1 = gain * received[1, i, j] + noises[1, i, j]
+            s2 = -gain * received[2, i, j] + noises[2, i, j]
+            s3 = -gain * received[3, i, j] + noises[3, i, j]
             saturated = max(abs(s0), abs(s1), abs(s2), abs(s3)) >= FULL_SCALE
             real = 0.5 * (_clipped(s0) - _clipped(s2))
             imaginary = 0.5 * (_clipped(s1) - _clipped(s3))
