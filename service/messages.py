@@ -36,23 +36,23 @@ POINT_FIELDS = ("x", "y", "z", "amplitude", "deviation")
 
 
 def fused_messages(result: FusedBurst) -> list[Message]:
-    """Depth, deviation, amplitude where there is one, calibration and report of a fused map.
+    """Calibration, depth, deviation, amplitude where there is one, and report of a fused map.
 
-    All carry the time of the reference frame, so that its transform applies.
+    All carry the time of the reference frame, so that its transform applies. The calibration comes first:
+    who has an image can ask for what belongs to it.
     """
     at = result.frame.timestamp, result.frame.sequence
     lens = result.calibration.distortion or None
     # Z = distance · cos(angle off the axis), and so is its standard deviation.
     deviation = depth_from_distance(result.deviation, result.intrinsics, lens)
     messages = [
+        calibration_message(fused_calibration(result), at[0], topic=FUSED_CALIBRATION, sequence=at[1]),
         image_message(FUSED_DEPTH, result.depth, "32FC1", CAMERA_FRAME_ID, *at),
         image_message(FUSED_DEVIATION, deviation, "32FC1", CAMERA_FRAME_ID, *at),
-        calibration_message(fused_calibration(result), at[0], topic=FUSED_CALIBRATION, sequence=at[1]),
-        json_message(FUSED_REPORT, result.report, *at),
     ]
     if result.amplitude is not None:
-        messages.insert(2, image_message(FUSED_AMPLITUDE, result.amplitude, "32FC1", CAMERA_FRAME_ID, *at))
-    return messages
+        messages.append(image_message(FUSED_AMPLITUDE, result.amplitude, "32FC1", CAMERA_FRAME_ID, *at))
+    return [*messages, json_message(FUSED_REPORT, result.report, *at)]
 
 
 def fused_calibration(result: FusedBurst) -> Calibration:

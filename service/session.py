@@ -20,6 +20,8 @@ _SETTINGS = {
     "scouting/multicast/enabled": "false",
     "timestamping/enabled": "true",  # caches and late joiners order values by time
     "transport/shared_memory/enabled": "true",
+    # Whoever comes first waits for the other; Zenoh's own 1 s to 4 s would show.
+    "connect/retry": "{period_init_ms: 100, period_max_ms: 500, period_increase_factor: 2}",
     # A fused map is 1.6 MB in batches of 64 KB. With Zenoh's defaults (2 batches, 50 ms) 3 of 75 maps at
     # 15 Hz were lost over idle TCP on loopback; with room for a whole map none, and a put takes 4 ms at most.
     "transport/link/tx/queue/size/data": "16",
