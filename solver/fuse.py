@@ -80,7 +80,7 @@ def fuse(
     options = replace(options, method=_resolve(options.method, light, span))
 
     begin = time.perf_counter()
-    poses = _align(frames, light, shifts, rotations, initial, matrix, lens)
+    poses = _align(frames, light, span, shifts, rotations, initial, matrix, lens)
     used = [k for k in range(len(frames)) if k not in poses.rejected]
     registered = time.perf_counter()
 
@@ -151,6 +151,7 @@ def _resolve(method: Method, amplitude: NDArray[np.float32] | None, ambiguity_ra
 def _align(
     distance: NDArray[np.float32],
     amplitude: NDArray[np.float32] | None,
+    ambiguity_range: float | None,
     shifts: ArrayLike | None,
     rotations: ArrayLike | None,
     initial: ArrayLike | None,
@@ -176,7 +177,14 @@ def _align(
         return Poses(np.zeros((1, 2)), None if intrinsics is None else np.zeros((1, 3)), empty)
     from solver.registration import register
 
-    found = register(distance, amplitude, intrinsics=intrinsics, distortion=distortion, initial=guess)
+    found = register(
+        distance,
+        amplitude,
+        intrinsics=intrinsics,
+        distortion=distortion,
+        initial=guess,
+        ambiguity_range=ambiguity_range,
+    )
     return Poses(found.shifts, found.rotations, {**found.rejected, **empty})
 
 

@@ -10,7 +10,7 @@ from solver.geometry import rotations_to_shifts, shifts_to_rotations
 from solver.registration.gauss_newton import POSITION_ERROR, Equations, normal_equations, solve_steps
 from solver.registration.mosaic import Mosaic, build_mosaic
 from solver.registration.motion import Motion, Shift, Turn
-from solver.registration.samples import Samples, distance_samples, pyramid
+from solver.registration.samples import Samples, Source, make_samples, pyramid
 from solver.registration.start import search_shifts
 
 Float = NDArray[np.float64]
@@ -47,6 +47,8 @@ def register(
     distortion: ArrayLike | None = None,
     initial: ArrayLike | None = None,
     reference: int = 0,
+    ambiguity_range: float | None = None,
+    source: Source = "auto",
 ) -> Registration:
     """Find where each frame looks, relative to the frame `reference`.
 
@@ -75,7 +77,14 @@ def register(
     guess = _first_guess(initial, motion, count, shape)
     if count == 1:
         return _result(np.zeros((1, 3)), np.zeros((1, 3, 3)), {}, motion, shape, reference)
-    work = _Work(pyramid(distance_samples(images, light)), motion, reference, guess, initial is not None, {})
+    work = _Work(
+        pyramid(make_samples(images, light, ambiguity_range, source)),
+        motion,
+        reference,
+        guess,
+        initial is not None,
+        {},
+    )
     work.drop_empty()
     work.align_with_reference()
     work.align_together()
@@ -170,8 +179,8 @@ class _Work:
 
     def _searched(self, guided: bool) -> Float:
         coarse = self.levels[-1]
-        height, width = coarse.values.shape[1:]
-        shape = self.levels[0].values.shape[1:]
+        height, width = coarse.shape
+        shape = self.levels[0].shape
         turn = self.motion if isinstance(self.motion, Turn) else None
         if turn is None:
             centre = self.guess[:, :2]
@@ -221,7 +230,7 @@ class _Work:
         for _ in range(most):
             positions = self._positions(samples)
             mosaic = build_mosaic(
-                samples.values, weights, positions, grid=2, smoothing=3.0, start=mosaic, sweeps=12
+                samples.values, weights, positions, grid=2.118, smoothing=3.0, start=mosaic, sweeps=12
             )
             equations = normal_equations(samples, positions, mosaic, self.motion, POSITION_ERROR)
             if self._step(equations, hold_reference=False) < STEP:
@@ -229,8 +238,7 @@ class _Work:
         return equations
 
     def _positions(self, samples: Samples) -> NDArray[np.float32]:
-        shape = (samples.values.shape[1], samples.values.shape[2])
-        return self.motion.positions(self.parameters, shape, samples.level)
+        return self.motion.positions(self.parameters, samples.shape, samples.level)
 
     def _step(self, equations: Equations, hold_reference: bool) -> float:
         """Move every frame; return the largest step in pixels."""

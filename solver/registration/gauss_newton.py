@@ -38,14 +38,18 @@ def normal_equations(
     """Linearise y ≈ U(p(θ + δ)) for every frame.
 
     A residual's variance is σ² + (e |∇U|)², e the mosaic's own error as a displacement: without it a handful
-    of strong edges decides.
+    of strong edges decides. Slopes are central differences: the cells' own would lean towards one node, and a
+    frame whose pixels all sit alike on the grid, as the reference's do, would be pulled along.
     """
     covered = 0.02 * float(np.median(mosaic.support[mosaic.support > 0]))
+    down, right = np.gradient(mosaic.values, 1 / mosaic.grid, axis=(1, 2))
     sums = _normal_equations(
         samples.values,
         samples.weights,
         positions,
         mosaic.values,
+        down,
+        right,
         mosaic.support > covered,
         np.array(mosaic.origin),
         mosaic.grid,
@@ -69,15 +73,16 @@ def normal_equations(
 
 @numba.njit(cache=True, parallel=True, fastmath=True)
 def _normal_equations(  # type: ignore[no-untyped-def]
-    values, weights, positions, U, covered, origin, grid, camera, rotational, position_error
+    values, weights, positions, U, Uy, Ux, covered, origin, grid, camera, rotational, position_error
 ):
-    count, height, width = values.shape
-    rows, columns = U.shape
+    channels, count, height, width = values.shape
+    rows, columns = U.shape[1:]
     sums = np.zeros((count, 14))
     fy, fx, cy, cx = camera
     for k in numba.prange(count):
         total = np.zeros(14)
         jacobian = np.zeros(3)
+        gy, gx, residual = np.zeros(channels), np.zeros(channels), np.zeros(channels)
         for i in range(height):
             for j in range(width):
                 w = weights[k, i, j]
@@ -92,33 +97,37 @@ def _normal_equations(  # type: ignore[no-untyped-def]
                 if not (covered[m, n] and covered[m + 1, n] and covered[m, n + 1] and covered[m + 1, n + 1]):
                     continue
                 a, d = r - m, c - n
-                u00, u01, u10, u11 = U[m, n], U[m, n + 1], U[m + 1, n], U[m + 1, n + 1]
-                gy = grid * ((1 - d) * (u10 - u00) + d * (u11 - u01))
-                gx = grid * ((1 - a) * (u01 - u00) + a * (u11 - u10))
-                residual = values[k, i, j] - (
-                    (1 - a) * ((1 - d) * u00 + d * u01) + a * ((1 - d) * u10 + d * u11)
-                )
-                slope = gy * gy + gx * gx
+                w00, w01, w10, w11 = (1 - a) * (1 - d), (1 - a) * d, a * (1 - d), a * d
+                slope, square = 0.0, 0.0
+                for h in range(channels):
+                    V, Vy, Vx = U[h], Uy[h], Ux[h]
+                    u = w00 * V[m, n] + w01 * V[m, n + 1] + w10 * V[m + 1, n] + w11 * V[m + 1, n + 1]
+                    gy[h] = w00 * Vy[m, n] + w01 * Vy[m, n + 1] + w10 * Vy[m + 1, n] + w11 * Vy[m + 1, n + 1]
+                    gx[h] = w00 * Vx[m, n] + w01 * Vx[m, n + 1] + w10 * Vx[m + 1, n] + w11 * Vx[m + 1, n + 1]
+                    residual[h] = values[h, k, i, j] - u
+                    slope += gy[h] * gy[h] + gx[h] * gx[h]
+                    square += residual[h] * residual[h]
                 variance = 1.0 / w + position_error * position_error * slope
-                deviations = abs(residual) / np.sqrt(variance)
+                deviations = np.sqrt(square / variance)
                 trust = slope / (slope + WEAK * WEAK / w)
                 weight = trust / variance
                 if deviations > HUBER:
                     weight *= HUBER / deviations
-                if rotational:
-                    x, y = (column - cx) / fx, (row - cy) / fy
-                    jacobian[0] = -gx * fx * x * y - gy * fy * (1 + y * y)
-                    jacobian[1] = gx * fx * (1 + x * x) + gy * fy * x * y
-                    jacobian[2] = -gx * fx * y + gy * fy * x
-                else:
-                    jacobian[0] = gy * fy
-                    jacobian[1] = gx * fx
-                p = 0
-                for s in range(3):
-                    for t in range(s, 3):
-                        total[p] += weight * jacobian[s] * jacobian[t]
-                        p += 1
-                    total[6 + s] += weight * jacobian[s] * residual
+                x, y = (column - cx) / fx, (row - cy) / fy
+                for h in range(channels):
+                    if rotational:
+                        jacobian[0] = -gx[h] * fx * x * y - gy[h] * fy * (1 + y * y)
+                        jacobian[1] = gx[h] * fx * (1 + x * x) + gy[h] * fy * x * y
+                        jacobian[2] = -gx[h] * fx * y + gy[h] * fy * x
+                    else:
+                        jacobian[0] = gy[h] * fy
+                        jacobian[1] = gx[h] * fx
+                    p = 0
+                    for s in range(3):
+                        for t in range(s, 3):
+                            total[p] += weight * jacobian[s] * jacobian[t]
+                            p += 1
+                        total[6 + s] += weight * jacobian[s] * residual[h]
                 total[10] += 1.0
                 total[11] += min(deviations, 4.0)
                 total[12] += trust

@@ -28,7 +28,7 @@ class Mosaic:
     values: Image
     support: Image
     origin: tuple[float, float]
-    grid: int
+    grid: float
 
 
 def build_mosaic(
@@ -36,12 +36,12 @@ def build_mosaic(
     weights: Image,
     positions: Image,
     *,
-    grid: int,
+    grid: float,
     smoothing: float,
     start: Mosaic | None,
     sweeps: int,
 ) -> Mosaic:
-    """U from samples (N, H, W) with weights 1/σ² at positions (N, H, W, 2).
+    """U (C, rows, columns) from samples (C, N, H, W), weights 1/σ² (N, H, W), at positions (N, H, W, 2).
 
     Args:
         grid: nodes per pixel.
@@ -50,10 +50,11 @@ def build_mosaic(
         sweeps: conjugate-gradient steps per reweighting.
     """
     origin, size = _grid(positions, weights, grid)
+    grid = float(grid)
     stencil, right = _accumulate(values, weights, positions, origin[0], origin[1], grid, size[0], size[1])
     known = weights > 0
     scale = float(np.sqrt(weights[known].mean())) if known.any() else 1.0  # 1/σ of a typical sample
-    if start is not None and start.values.shape == size and start.origin == origin:
+    if start is not None and start.values.shape[1:] == size and start.origin == origin:
         image, passes = start.values, 1
     else:
         image, passes = _weighted_mean(stencil, right), 2
@@ -63,7 +64,7 @@ def build_mosaic(
     return Mosaic(image, stencil[0], origin, grid)
 
 
-def _grid(positions: Image, weights: Image, grid: int) -> tuple[tuple[float, float], tuple[int, int]]:
+def _grid(positions: Image, weights: Image, grid: float) -> tuple[tuple[float, float], tuple[int, int]]:
     """Origin and size of the grid that holds all used samples, with a pixel to spare."""
     used = positions[weights > 0]
     low = np.floor(used.min(axis=0).astype(np.float64)) - 1
@@ -77,22 +78,24 @@ def _weighted_mean(stencil: Image, right: Image) -> Image:
     top: Image = right
     bottom: Image = stencil[0] + stencil[1] + stencil[2]
     enough = 1e-3 * float(bottom.mean())
-    result = np.full_like(right, np.nan)
+    result = np.zeros_like(right)
+    known = np.zeros(bottom.shape, dtype=bool)
     for _ in range(5):
-        top = np.asarray(cv2.GaussianBlur(top, (0, 0), 1.5), np.float32)
+        top = np.stack([cv2.GaussianBlur(channel, (0, 0), 1.5) for channel in top])
         bottom = np.asarray(cv2.GaussianBlur(bottom, (0, 0), 1.5), np.float32)
-        fresh = np.isnan(result) & (bottom > enough)
-        result[fresh] = top[fresh] / bottom[fresh]
-    overall = float(np.nanmean(result)) if np.isfinite(result).any() else 0.0
-    return np.nan_to_num(result, nan=overall)
+        fresh = ~known & (bottom > enough)
+        result[:, fresh] = top[:, fresh] / bottom[fresh]
+        known |= fresh
+    result[:, ~known] = result[:, known].mean(axis=1, keepdims=True)
+    return result
 
 
 def _stiffened(stencil: Image, image: Image, strength: float, epsilon: float) -> Image:
     """The stencil plus the prior's, reweighted at the current image."""
-    size = np.zeros_like(image)
-    down, right = np.diff(image, axis=0), np.diff(image, axis=1)
-    size[:-1] += down * down
-    size[:, :-1] += right * right
+    size = np.zeros_like(image[0])
+    down, right = np.diff(image, axis=1), np.diff(image, axis=2)
+    size[:-1] += (down * down).sum(axis=0)
+    size[:, :-1] += (right * right).sum(axis=0)
     size = np.asarray(cv2.GaussianBlur(size, (3, 3), 0.7), np.float32)
     stiffness = (strength / np.sqrt(size + epsilon * epsilon)).astype(np.float32)
     across = 0.5 * (stiffness[:, :-1] + stiffness[:, 1:])
@@ -132,10 +135,10 @@ def _conjugate_gradients(stencil: Image, right: Image, start: Image, steps: int)
 
 @numba.njit(cache=True, parallel=True, fastmath=True)
 def _accumulate(values, weights, positions, row0, column0, grid, rows, columns):  # type: ignore[no-untyped-def]
-    count, height, width = values.shape
+    channels, count, height, width = values.shape
     parts = 2  # fixed, so that the sums do not depend on the number of threads
     stencil = np.zeros((parts, 5, rows, columns), dtype=np.float32)
-    right = np.zeros((parts, rows, columns), dtype=np.float32)
+    right = np.zeros((parts, channels, rows, columns), dtype=np.float32)
     for part in numba.prange(parts):
         S, b = stencil[part], right[part]
         for k in range(part, count, parts):
@@ -151,11 +154,12 @@ def _accumulate(values, weights, positions, row0, column0, grid, rows, columns):
                     one = np.float32(1.0)
                     w00, w01 = (one - a) * (one - d), (one - a) * d
                     w10, w11 = a * (one - d), a * d
-                    y = w * values[k, i, j]
-                    b[m, n] += w00 * y
-                    b[m, n + 1] += w01 * y
-                    b[m + 1, n] += w10 * y
-                    b[m + 1, n + 1] += w11 * y
+                    for h in range(channels):
+                        y = w * values[h, k, i, j]
+                        b[h, m, n] += w00 * y
+                        b[h, m, n + 1] += w01 * y
+                        b[h, m + 1, n] += w10 * y
+                        b[h, m + 1, n + 1] += w11 * y
                     S[0, m, n] += w * w00 * w00
                     S[0, m, n + 1] += w * w01 * w01
                     S[0, m + 1, n] += w * w10 * w10
@@ -170,9 +174,10 @@ def _accumulate(values, weights, positions, row0, column0, grid, rows, columns):
 
 
 @numba.njit(cache=True, parallel=True, fastmath=True)
-def _apply(S, x, out):  # type: ignore[no-untyped-def]
-    rows, columns = x.shape
-    for i in numba.prange(rows):
+def _apply(S, images, products):  # type: ignore[no-untyped-def]
+    channels, rows, columns = images.shape
+    for item in numba.prange(channels * rows):
+        x, out, i = images[item // rows], products[item // rows], item % rows
         for j in range(columns):
             value = S[0, i, j] * x[i, j]
             if j + 1 < columns:

@@ -30,9 +30,9 @@ def search_shifts(
 
 @numba.njit(cache=True, parallel=True)
 def _search(values, weights, reference, middle, rows, columns):  # type: ignore[no-untyped-def]
-    count, height, width = values.shape
+    channels, count, height, width = values.shape
     found = np.zeros((count, 2), dtype=np.int64)
-    y0, w0 = values[reference], weights[reference]
+    w0 = weights[reference]
     for k in numba.prange(count):
         if k == reference:
             continue
@@ -49,7 +49,11 @@ def _search(values, weights, reference, middle, rows, columns):  # type: ignore[
                     for j in range(max(0, -dx), min(width, width - dx)):
                         w, v = weights[k, i, j], w0[i + dy, j + dx]
                         if w > 0.0 and v > 0.0:
-                            size = abs(values[k, i, j] - y0[i + dy, j + dx]) * np.sqrt(w * v / (w + v))
+                            square = 0.0
+                            for h in range(channels):
+                                change = values[h, k, i, j] - values[h, reference, i + dy, j + dx]
+                                square += change * change
+                            size = np.sqrt(square * w * v / (w + v))
                             cost += size / (1.0 + size / HALF)
                             seen += 1
                 if seen < LEAST_OVERLAP * own or seen == 0:
