@@ -21,6 +21,8 @@ CAMERAS: dict[str, tuple[str, str]] = {
 """Camera backends: name → (module, class). Others come by the entry point group `lidarboost.cameras`."""
 
 STAGES: dict[str, tuple[str, str]] = {
+    "dynamixel": ("drivers.stages.dynamixel", "DynamixelStage"),
+    "grbl": ("drivers.stages.grbl", "GrblStage"),
     "none": ("drivers.fixed", "FixedStage"),
     "ptu": ("drivers.stages.ptu", "PtuStage"),
     "simulated": ("drivers.simulated", "SimulatedStage"),

@@ -50,6 +50,7 @@ class Rig:
         self.settings = settings
         self._calibration = calibration
         self.reopened = 0
+        self.is_recovering = False
 
     @property
     def calibration(self) -> Calibration:
@@ -57,13 +58,17 @@ class Rig:
         return self._calibration or self.camera.calibration
 
     def open(self) -> None:
-        """Open and start both; leaves both closed when raising.
+        """Open and start both, homing a stage that does not know where it is; closes both when raising.
 
         Raises:
             NotAvailableError, InitialisationError: as the devices; also settings the camera refuses.
+            OperationError: homing failed.
         """
         try:
             self.stage.open()
+            if self.stage.needs_home:
+                _log.info("homing the stage: its position is unknown")
+                self.stage.home()
             self.camera.mount_on(self.stage)
             self.camera.open()
             if self.settings is not None:
@@ -88,6 +93,7 @@ class Rig:
         Returns:
             False where `stopping` became true first.
         """
+        self.is_recovering = True
         self.close()
         wait = _FIRST_WAIT
         while not stopping():
@@ -97,6 +103,7 @@ class Rig:
                 _log.warning("opening again: %s; next attempt in %.1f s", error, wait)
             else:
                 self.reopened += 1
+                self.is_recovering = False
                 return True
             self.wait(wait, stopping)
             wait = min(2 * wait, _LONGEST_WAIT)
