@@ -1,12 +1,20 @@
-"""The iteration: Chambolle and Pock's primal–dual algorithm, its stopping rule and its certificate.
+"""The iteration: a primal–dual algorithm with over-relaxation, its stopping rule and its certificate.
 
-Source: Chambolle, Pock, "A first-order primal-dual algorithm for convex problems with applications to
-imaging", JMIV 2011, algorithm 1 with θ = 1.
+It minimises term(X) + Σ ‖∇X‖₂ (λ = 1: maps are in units of λ), the prior through its dual variables, the term
+through its proximal map or its gradient. Sources: Chambolle, Pock, "A first-order primal-dual algorithm for
+convex problems with applications to imaging", JMIV 2011, algorithm 1; Condat, "A primal-dual splitting method
+for convex optimization involving Lipschitzian, proximable and linear composite terms", JOTA 2013, algorithm
+3.1.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.kernels import prior as kernels
+from solver.prior import Prior
 from solver.result import Progress
 
 _CHECK = 20
@@ -14,40 +22,104 @@ _CHECK = 20
 
 
 @dataclass(slots=True)
-class Iteration:
-    """Runs an iteration until its objective has settled.
+class State:
+    """A map in the middle of an iteration; arrays are padded by two pixels, (C, …, rows + 4, columns + 4)."""
+
+    x: NDArray[np.floating]
+    over: NDArray[np.floating]
+    dual: NDArray[np.floating]
+
+
+class Term(Protocol):
+    """A convex data term, all in units of λ."""
+
+    def steps(self, norm: float) -> tuple[float, float, float]:
+        """(τ, σ, ρ): the primal and the dual step and the over-relaxation, for a prior of this norm."""
+        ...
+
+    def pull(self, x: NDArray[np.floating], tau: float) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+        """(shrink, pull), padded: the step from x is (x − τ ∇ᵀ dual) · shrink + pull."""
+        ...
+
+    @property
+    def fixed(self) -> bool:
+        """Whether shrink and pull are the same for every x."""
+        ...
+
+    def value(self, x: NDArray[np.floating]) -> float:
+        """The term at a padded map."""
+        ...
+
+    def bound(self, x: NDArray[np.floating], dual: NDArray[np.floating], prior: Prior) -> float:
+        """A lower bound of the least objective, good where x and dual are near their optimum.
+
+        Every group of dual is in its unit ball.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """The state reached, with iterations, objective, relative gap and whether the rule was met."""
+
+    state: State
+    iterations: int
+    objective: float
+    gap: float
+    converged: bool
+
+
+def start(initial: NDArray[np.floating]) -> State:
+    """A state at the map (C, rows, columns)."""
+    x = np.ascontiguousarray(np.pad(initial, [(0, 0), (kernels.PAD,) * 2, (kernels.PAD,) * 2]))
+    return State(x, x.copy(), np.zeros((len(x), 6, *x.shape[1:]), x.dtype))
+
+
+def minimise(
+    term: Term,
+    prior: Prior,
+    state: State,
+    *,
+    tolerance: float,
+    limit: int,
+    scale: float = 1.0,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Run until the objective has settled.
 
     The objective of such iterations falls like 1/k or faster, so its error after k iterations is at most
-    its fall since iteration k/2. The iteration stops where that fall is below `tolerance`, twice in a row.
-
-    Attributes:
-        advance: runs this many iterations.
-        objective: the objective of the current map.
-        bound: a lower bound of the least objective, from the dual variables.
+    its fall since iteration k/2. The iteration stops where that fall is below `tolerance` of the objective,
+    twice in a row. `scale` turns the objective into the caller's unit for `progress`.
     """
-
-    advance: Callable[[int], None]
-    objective: Callable[[], float]
-    bound: Callable[[], float]
-    tolerance: float
-    limit: int
-    progress: Progress | None = None
-    history: list[tuple[int, float]] = field(default_factory=list)
-
-    def run(self) -> tuple[int, float, float, bool]:
-        """(iterations, objective, relative gap, converged)."""
-        done, settled = 0, 0
-        self.history = [(0, self.objective())]
-        while done < self.limit and settled < 2:
-            step = min(_CHECK, self.limit - done)
-            self.advance(step)
-            done += step
-            value = self.objective()
-            self.history.append((done, value))
-            earlier = min(p for k, p in self.history if k <= max(done // 2, 1))
-            settled = settled + 1 if done > _CHECK and earlier - value <= self.tolerance * value else 0
-            if self.progress is not None:
-                self.progress(done, value, None)
-        value = self.history[-1][1]
-        gap = max(0.0, value - self.bound()) / value if value > 0 else 0.0
-        return done, value, gap, settled >= 2 or gap <= self.tolerance
+    tau, sigma, rho = term.steps(prior.norm)
+    kind = state.x.dtype.type
+    up = kernels.tables(prior.weights.astype(kind), state.x.shape[2] - 4, sigma)
+    down = prior.weights.astype(kind) * kind(tau)
+    done, settled = 0, 0
+    history = [(0, term.value(state.x) + prior.value(state.x))]
+    while done < limit and settled < 2:
+        count = min(_CHECK, limit - done)
+        for _ in range(1 if term.fixed else count):
+            shrink, pull = term.pull(state.x, tau)
+            kernels.iterate(
+                count if term.fixed else 1,
+                state.x,
+                state.over,
+                state.dual,
+                shrink,
+                pull,
+                up,
+                down,
+                kind(rho),
+            )
+        done += count
+        value = term.value(state.x) + prior.value(state.x)
+        history.append((done, value))
+        earlier = min(p for k, p in history if k <= max(done // 2, 1))
+        settled = settled + 1 if done > _CHECK and earlier - value <= tolerance * value else 0
+        if progress is not None:
+            progress(done, value * scale, None)
+    kernels.project(state.dual)
+    bound = term.bound(state.x, state.dual, prior)
+    gap = max(0.0, value - bound) / value if value > 0 else 0.0
+    return Outcome(state, done, value, gap, settled >= 2 or gap <= tolerance)

@@ -1,13 +1,16 @@
 """The multi-scale group prior: λ Σ over pixels of ‖∇X‖₂, every offset's difference in one group.
 
 Source: Schuon, Theobalt, Davis, Thrun, "LidarBoost", CVPR 2009: ∇X(u, v) stacks
-G(l, m) = (X(u, v) − X(u + l, v + m)) / √(l² + m²); differences that leave the image are left out.
+G(l, m) = (X(u, v) − X(u + l, v + m)) / √(l² + m²); differences that leave the image are left out. Several
+channels of one map share a group.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from solver.kernels import prior as kernels
 
 NEIGHBOURHOOD: tuple[tuple[int, int], ...] = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0))
 """(row, column) offsets: one and two pixels along the axes, one along the diagonals."""
@@ -15,21 +18,22 @@ NEIGHBOURHOOD: tuple[tuple[int, int], ...] = ((0, 1), (1, 0), (1, 1), (1, -1), (
 
 @dataclass(frozen=True)
 class Prior:
-    """The operator ∇ for a set of offsets, each with a non-negative row offset."""
+    """The operator ∇ for some of the offsets of `NEIGHBOURHOOD`."""
 
-    offsets: NDArray[np.int64] = field(default_factory=lambda: np.array(NEIGHBOURHOOD))
+    offsets: tuple[tuple[int, int], ...] = NEIGHBOURHOOD
 
     @property
     def weights(self) -> NDArray[np.float32]:
-        """1 / √(l² + m²) by offset."""
-        return (1.0 / np.hypot(self.offsets[:, 0], self.offsets[:, 1])).astype(np.float32)
+        """(6,): 1 / √(l² + m²) by offset of `NEIGHBOURHOOD`, 0 for those not chosen."""
+        return np.array(
+            [1 / np.hypot(*offset) if offset in self.offsets else 0.0 for offset in NEIGHBOURHOOD], np.float32
+        )
 
     @property
     def norm(self) -> float:
-        """An upper bound of ‖∇‖: each difference of weight w adds at most 4 w² to ‖∇‖²."""
+        """An upper bound of ‖∇‖: a difference of weight w adds at most 4 w² to ‖∇‖²."""
         return float(2.0 * np.sqrt((self.weights.astype(np.float64) ** 2).sum()))
 
-    @property
-    def reach(self) -> int:
-        """How many rows below its own a group looks."""
-        return int(self.offsets[:, 0].max())
+    def value(self, x: NDArray[np.floating]) -> float:
+        """Σ ‖∇x‖₂ of a padded map (C, rows + 4, columns + 4)."""
+        return float(kernels.total(x, kernels.tables(self.weights.astype(x.dtype), x.shape[2] - 4, 1.0)))

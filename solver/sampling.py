@@ -9,8 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from solver import kernels
+from solver.certificate import slope
 from solver.errors import FusionInputError
+from solver.kernels import sparse as kernels
+from solver.kernels.prior import PAD
+from solver.prior import Prior
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +21,7 @@ class Samples:
     """Σ w_k (d_k − x)² = Σ weight · (x − mean)² + constant.
 
     Attributes:
-        weight: (βH, βW) float32, how many samples fell on each pixel.
+        weight: (βH, βW) float32, the sum of the weights of the samples that fell on each pixel.
         mean: (βH, βW) float32, their mean, in the distance's unit; 0 where there are none.
         constant: Σ w_k (d_k − mean)², the part that no map can change.
     """
@@ -28,17 +31,19 @@ class Samples:
     constant: float
 
 
-def sample(distance: NDArray[np.float32], positions: NDArray[np.float32], factor: int) -> Samples:
-    """Scatter frames (N, H, W) onto the fused grid.
+def sample(
+    values: NDArray[np.float32], weights: NDArray[np.float32], positions: NDArray[np.float32], factor: int
+) -> Samples:
+    """Scatter frames (N, H, W) onto the fused grid; samples of weight 0 are not used.
 
     Raises:
         FusionInputError: no valid sample falls on the grid of frame 0.
     """
-    shape = (distance.shape[1] * factor, distance.shape[2] * factor)
+    shape = (values.shape[1] * factor, values.shape[2] * factor)
     weight = np.zeros(shape, np.float32)
     total = np.zeros(shape, np.float32)
     squares = np.zeros(1)
-    kernels.scatter(distance, positions, weight, total, squares, factor)
+    kernels.scatter(values, weights, positions, factor, weight, total, squares)
     seen = weight > 0
     if not seen.any():
         raise FusionInputError(
@@ -47,3 +52,37 @@ def sample(distance: NDArray[np.float32], positions: NDArray[np.float32], factor
     mean = np.divide(total, weight, out=total, where=seen)
     constant = float(squares[0] - np.vdot(weight.astype(np.float64), mean.astype(np.float64) ** 2))
     return Samples(weight, mean, max(0.0, constant))
+
+
+class SparseTerm:
+    """Σ w (x − m)² + constant, through its proximal map."""
+
+    fixed = True
+
+    def __init__(self, weight: NDArray[np.floating], mean: NDArray[np.floating], constant: float) -> None:
+        """weight and mean (βH, βW), mean and √constant in units of λ."""
+        self._weight, self._mean = _pad(weight), _pad(mean)
+        self._constant = constant
+        seen = weight > 0
+        self._low, self._high = float(mean[seen].min()), float(mean[seen].max())
+
+    def steps(self, norm: float) -> tuple[float, float, float]:
+        return 1 / norm, 1 / norm, 1.0
+
+    def pull(self, x: NDArray[np.floating], tau: float) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+        step = x.dtype.type(2 * tau)
+        shrink = 1 / (1 + step * self._weight)
+        return shrink, (step * self._weight * self._mean * shrink)[None]
+
+    def value(self, x: NDArray[np.floating]) -> float:
+        return float(kernels.misfit(x[0], self._weight, self._mean)) + self._constant
+
+    def bound(self, x: NDArray[np.floating], dual: NDArray[np.floating], prior: Prior) -> float:  # noqa: ARG002
+        tilt = slope(dual, prior.weights)[0]
+        inner = (slice(PAD, -PAD),) * 2
+        weight, mean = self._weight[inner], self._mean[inner]
+        return float(kernels.least(tilt, weight, mean, self._low, self._high)) + self._constant
+
+
+def _pad(image: NDArray[np.floating]) -> NDArray[np.floating]:
+    return np.ascontiguousarray(np.pad(image, PAD))

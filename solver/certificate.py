@@ -1,0 +1,61 @@
+"""A lower bound of the least objective, so that "converged" means something.
+
+For E(X) = Σ Ω (y − A X)² + Σ ‖∇X‖₂ (λ = 1), any residual variables r and groups p with ‖p‖₂ ≤ 1, ∇ᵀp = Aᵀr,
+
+    E(X) ≥ Σ r y − Σ r² / (4 Ω)   for every X
+
+(Fenchel duality; Boyd, Vandenberghe, "Convex Optimization", section 5). An iteration's r = 2 Ω (y − A X) and p
+meet the equation only in the limit. Here p is corrected by the least change of its unit differences that meets
+it, a Poisson equation, and both are then shrunk until every group is in its ball.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.kernels import prior as kernels
+
+
+def slope(dual: NDArray[np.floating], weights: NDArray[np.floating]) -> NDArray[np.floating]:
+    """∇ᵀ dual without padding, (C, rows, columns), for dual (C, 6, rows + 4, columns + 4)."""
+    out = np.empty((len(dual), dual.shape[2] - 4, dual.shape[3] - 4), dual.dtype)
+    for channel, variables in enumerate(dual):
+        kernels.transpose(variables, weights.astype(np.float64), out[channel])
+    return out
+
+
+def shrinkage(
+    dual: NDArray[np.floating], weights: NDArray[np.floating], excess: NDArray[np.floating]
+) -> float:
+    """The largest factor up to 1 that brings the duals into their balls once ∇ᵀ dual has lost `excess`.
+
+    Args:
+        dual: (C, 6, rows + 4, columns + 4), every group in the unit ball.
+        weights: (6,), the first two (the unit differences) not 0.
+        excess: (C, rows, columns), of sum 0 in each channel.
+    """
+    inner = dual[:, :, 2:-2, 2:-2]
+    square = np.zeros(excess.shape[1:])
+    for channel, variables in enumerate(inner):
+        potential = _poisson(excess[channel], float(weights[1]) ** 2, float(weights[0]) ** 2)
+        across, along = variables[0].copy(), variables[1].copy()
+        across[:, :-1] -= weights[0] * (potential[:, :-1] - potential[:, 1:])
+        along[:-1] -= weights[1] * (potential[:-1] - potential[1:])
+        square += across**2 + along**2
+        for other in variables[2:]:
+            square += other**2
+    return float(1 / np.sqrt(max(1.0, float(square.max()))))
+
+
+def _poisson(source: NDArray[np.floating], down: float, right: float) -> NDArray[np.floating]:
+    """φ of (down · L_rows + right · L_columns) φ = source, L the positive second difference with free ends."""
+    from scipy.fft import dctn, idctn
+
+    rows, columns = source.shape
+    spectrum = dctn(source, norm="ortho")
+    row = down * (2 - 2 * np.cos(np.pi * np.arange(rows) / rows))
+    column = right * (2 - 2 * np.cos(np.pi * np.arange(columns) / columns))
+    eigenvalues = (row[:, None] + column[None]).astype(source.dtype)
+    eigenvalues[0, 0] = 1
+    spectrum /= eigenvalues
+    spectrum[0, 0] = 0
+    return np.asarray(idctn(spectrum, norm="ortho"))

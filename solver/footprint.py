@@ -1,0 +1,162 @@
+"""The area a low-resolution pixel sees, and the data term made of it.
+
+    Σ_k ‖Ω_k^½ (y_k − A_k X)‖²
+
+A_k averages X over each pixel's footprint at its exact position: bilinear interpolation of the blurred map B X,
+exact for a box of a whole number of fused pixels, a close approximation for other shapes.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.certificate import shrinkage, slope
+from solver.errors import FusionInputError
+from solver.kernels import footprint as kernels
+from solver.kernels.prior import PAD
+from solver.prior import Prior
+
+
+@dataclass(frozen=True, slots=True)
+class Footprint:
+    """A square of side `fill` (the root of the fill factor) blurred by a Gaussian of deviation `blur`.
+
+    Both in low-resolution pixels.
+    """
+
+    fill: float = 1.0
+    blur: float = 0.0
+
+    def taps(self, factor: int) -> NDArray[np.float64]:
+        """Weights of B along one axis, symmetric, of sum 1.
+
+        Bilinear interpolation widens them by the box of a fused pixel, as the average over a fused pixel
+        does; so the taps hold the footprint's mass in steps of one fused pixel.
+        """
+        half, spread = 0.5 * self.fill * factor, self.blur * factor
+        size = max(1, int(np.ceil(2 * (half + 3 * spread) - 1e-9)))
+        edges: NDArray[np.float64] = np.arange(size + 1) - np.float64(size / 2)
+        taps = np.diff(_mass(edges, half, spread))
+        return np.asarray(taps / taps.sum())
+
+
+def _mass(edges: NDArray[np.float64], half: float, spread: float) -> NDArray[np.float64]:
+    """Mass below each edge of a box [−half, half] blurred by a Gaussian, up to a constant and a factor."""
+    if spread == 0:
+        return np.clip(edges, -half, half)
+    from scipy.special import ndtr
+
+    def integral(t: NDArray[np.float64]) -> NDArray[np.float64]:
+        u = t / spread
+        return np.asarray(spread * (u * ndtr(u) + np.exp(-u * u / 2) / np.sqrt(2 * np.pi)))
+
+    return integral(edges + half) - integral(edges - half)
+
+
+class AreaTerm:
+    """Σ Ω (y − A X)² over C channels, through its gradient.
+
+    The map reaches `margin` fused pixels beyond the grid of frame 0 on every side, so that pixels that look
+    just outside count for what they see inside.
+    """
+
+    fixed = False
+
+    def __init__(
+        self,
+        values: NDArray[np.floating],
+        weights: NDArray[np.floating],
+        positions: NDArray[np.float32],
+        factor: int,
+        footprint: Footprint,
+    ) -> None:
+        """values (C, N, H, W) in units of λ; weights (N, H, W), 0 = not used; positions (N, H, W, 2)."""
+        self._values, self._weights, self._positions = values, weights, positions
+        taps = footprint.taps(factor)
+        self._size = len(taps)
+        self.margin = factor + max(0, -(-(self._size - factor) // 2))
+        kind = values.dtype
+        self._taps = np.zeros(-(-self._size // 4) * 4, kind)
+        self._taps[: self._size] = taps
+        rows, columns = (n * factor + 2 * self.margin for n in values.shape[2:])
+        self.shape = (len(values), rows, columns)
+        nodes = (rows - self._size + 3, columns - self._size + 3)
+        self._scale, self._offset = float(factor), self.margin - self._size / 2
+        groups = 2
+        stencil = np.zeros((groups, 5, *nodes), kind)
+        side = np.zeros((groups, len(values), *nodes), kind)
+        count = np.zeros(groups, np.int64)
+        kernels.accumulate(values, weights, positions, self._scale, self._offset, stencil, side, count)
+        if not count.any():
+            raise FusionInputError(
+                "no valid pixel falls on the grid of frame 0; expected shifts smaller than the image"
+            )
+        self._stencil, self._side = stencil[0] + stencil[1], side[0] + side[1]
+        self._blurred = np.zeros((len(values), *nodes), kind)
+        self._pull = np.zeros((len(values), rows + 2 * PAD, columns + 2 * PAD), kind)
+        self._shrink = np.ones((rows + 2 * PAD, columns + 2 * PAD), kind)
+
+    @property
+    def curvature(self) -> float:
+        """An upper bound of the largest eigenvalue of 2 Bᵀ M B: ‖B‖ = 1, and M's largest row sum."""
+        rows = _row_sums(self._stencil)
+        return 2.0 * float(rows.max())
+
+    def steps(self, norm: float) -> tuple[float, float, float]:
+        ratio = 0.5
+        L = self.curvature
+        # τ (L / 2 + σ norm²) = 1 with σ = ratio · τ.
+        a = ratio * norm**2
+        tau = (-L / 2 + np.sqrt(L * L / 4 + 4 * a)) / (2 * a)
+        return float(tau), float(ratio * tau), 1.0
+
+    def pull(self, x: NDArray[np.floating], tau: float) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+        factor = x.dtype.type(-2 * tau)
+        for channel in range(len(x)):
+            kernels.gradient(
+                x[channel],
+                self._stencil,
+                self._side[channel],
+                self._taps,
+                self._size,
+                factor,
+                self._pull[channel],
+            )
+        return self._shrink, self._pull
+
+    def value(self, x: NDArray[np.floating]) -> float:
+        return float(self._sums(x)[:, 3].sum())
+
+    def bound(self, x: NDArray[np.floating], dual: NDArray[np.floating], prior: Prior) -> float:
+        sums = self._sums(x)
+        # Moving the map by a constant makes the residuals' sum 0, as it is at the optimum.
+        offset = (sums[:, 1] - sums[:, 2]) / sums[:, 0]
+        moved = x + offset[:, None, None].astype(x.dtype)
+        sums = self._sums(moved)
+        inner = (slice(PAD, -PAD),) * 2
+        _, step = self.pull(moved, 1.0)
+        excess = slope(dual, prior.weights) - step[:, *inner]
+        excess -= excess.mean(axis=(1, 2), keepdims=True)
+        most = shrinkage(dual, prior.weights, excess)
+        # r = 2 Ω (y − A X) has Σ r y = Σ Ω (y − A X)² + Σ Ω (y² − (A X)²), Σ r² / (4 Ω) = Σ Ω (y − A X)².
+        square = float(sums[:, 3].sum())
+        linear = square + float(sums[:, 4].sum())
+        best = min(most, linear / (2 * square)) if square > 0 else most
+        return best * linear - best**2 * square
+
+    def _sums(self, x: NDArray[np.floating]) -> NDArray[np.float64]:
+        for channel in range(len(x)):
+            kernels.blur(x[channel], self._taps, self._size, self._blurred[channel])
+        return np.asarray(
+            kernels.residuals(
+                self._values, self._weights, self._positions, self._scale, self._offset, self._blurred
+            )
+        )
+
+
+def _row_sums(m: NDArray[np.floating]) -> NDArray[np.floating]:
+    """(nodes, nodes): the sum of each row of M."""
+    inner = (slice(1, -1), slice(1, -1))
+    total = m[0] + m[1] + m[2] + m[3] + m[4]
+    return np.asarray(total[inner] + m[1, 1:-1, :-2] + m[2, :-2, 1:-1] + m[3, :-2, :-2] + m[4, :-2, 2:])

@@ -1,0 +1,64 @@
+"""`area`: every sample is the average over its pixel's footprint at its exact sub-pixel position.
+
+    E(X) = Σ_k ‖Ω_k^½ (y_k − A_k X)‖² + λ Σ ‖∇X‖₂
+
+Ω weighs samples by their noise, relative to the median's, so that λ stays in units of distance.
+"""
+
+import numpy as np
+
+from solver.fill import nearest
+from solver.footprint import AreaTerm, Footprint
+from solver.primal_dual import minimise, start
+from solver.prior import Prior
+from solver.problem import Problem, Solution
+from solver.result import Progress
+from solver.sampling import sample
+
+_AUTO = 0.005
+
+
+def solve(problem: Problem, *, initial: Solution | None = None, progress: Progress | None = None) -> Solution:
+    """Minimise E; what no footprint covers is inpainted by the prior."""
+    used = np.isfinite(problem.distance)
+    factor = problem.options.upsampling
+    weights = _weights(problem, used)
+    samples = sample(problem.distance, weights, problem.positions, factor)
+    seen = samples.weight > 0
+    low, high = float(samples.mean[seen].min()), float(samples.mean[seen].max())
+    auto = problem.options.regularization
+    strength = max(_AUTO * (high - low), 1e-6 * max(abs(low), abs(high))) if auto == "auto" else float(auto)
+    middle = 0.5 * (low + high)
+    values = np.where(used, (problem.distance - middle) / strength, 0).astype(np.float32)
+    term = AreaTerm(values[None], weights, problem.positions, factor, Footprint())
+    first = nearest(np.where(seen, (samples.mean - middle) / strength, 0).astype(np.float32), seen)
+    if initial is not None:
+        known = np.isfinite(initial.distance)
+        first = np.where(known, (initial.distance - middle) / strength, first).astype(np.float32)
+    m = term.margin
+    outcome = minimise(
+        term,
+        Prior(),
+        start(np.pad(first, m, mode="edge")[None]),
+        tolerance=problem.options.tolerance,
+        limit=problem.options.max_iterations,
+        scale=strength**2,
+        progress=progress,
+    )
+    inner = outcome.state.x[0, 2 + m : -2 - m, 2 + m : -2 - m]
+    return Solution(
+        inner * np.float32(strength) + np.float32(middle),
+        None,
+        strength,
+        outcome.iterations,
+        outcome.objective * strength**2,
+        outcome.gap,
+        outcome.converged,
+    )
+
+
+def _weights(problem: Problem, used: np.ndarray) -> np.ndarray:
+    usual = float(np.median(problem.sigma[used]))
+    if not 0 < usual < np.inf:
+        return used.astype(np.float32)
+    return np.where(used, (usual / problem.sigma) ** 2, 0).astype(np.float32)
