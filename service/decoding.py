@@ -57,8 +57,8 @@ def decode(topic: str, encoding: str, payload: bytes) -> Received:
         return Received(topic, message, timestamp)
     except (ImportError, AttributeError, ValueError, DecodeError, RecordingError) as error:
         raise RemoteError(
-            f"{topic}: cannot read what came as {encoding!r} ({error}); expected what this version publishes, "
-            f"so the service may be of another one: install the same on both sides"
+            f"{topic}: cannot read what came as {encoding!r} ({error}); expected what this version sends, "
+            f"so the service may be another one: install the same on both sides"
         ) from error
 
 

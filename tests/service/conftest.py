@@ -1,0 +1,62 @@
+import socket
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivers import Frame, sr3000_calibration
+from service.burst import Burst
+from service.config import FusionSection
+from service.fusion import FusedBurst, fuse_burst
+
+NOISE, SHAPE = 0.01, (36, 44)
+
+
+@pytest.fixture
+def endpoint() -> str:
+    """A loopback endpoint that is free."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+@pytest.fixture(scope="session")
+def _fused() -> FusedBurst:
+    """A wall at 2 m with a hole that nothing was seen in, fused from three still frames."""
+    nominal = sr3000_calibration()
+    centre = {"cx": (SHAPE[1] - 1) / 2, "cy": (SHAPE[0] - 1) / 2}
+    calibration = nominal.model_copy(
+        update={
+            "height": SHAPE[0],
+            "width": SHAPE[1],
+            "intrinsics": nominal.intrinsics.model_copy(update=centre),
+        }
+    )
+    rng = np.random.default_rng(5)
+    frames = []
+    for number in range(3):
+        metres = 2.0 + rng.normal(0, NOISE, SHAPE)
+        counts = np.round(metres / 7.5 * 65536).astype(np.uint16)
+        counts[:12, :12] = 0
+        amplitude = np.full(SHAPE, 3000, np.uint16)
+        at = 1_700_000_000_123_456_789 + number * 200_000_000
+        frames.append(Frame(counts, amplitude, at, number + 7, 0.0, 0.0, 0.030, 20e6, 7.5))
+    burst = Burst(4, tuple(frames), calibration, 3)
+    settings = FusionSection(method="nearest", upsampling=2, register_poses=False, fill=2)
+    return fuse_burst(burst, settings)
+
+
+@pytest.fixture
+def fused(_fused: FusedBurst) -> Callable[[int], FusedBurst]:
+    """Fused maps that differ in their time and burst number."""
+
+    def numbered(number: int) -> FusedBurst:
+        at = _fused.frame.timestamp + number * 1_000_000_000
+        return replace(
+            _fused,
+            frame=replace(_fused.frame, timestamp=at, sequence=number),
+            report=_fused.report.model_copy(update={"burst": number, "timestamp": at}),
+        )
+
+    return numbered
