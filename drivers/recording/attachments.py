@@ -8,3 +8,6 @@ VERSIONS = "versions.json"
 
 METADATA = "lidarboost"
 """The metadata record: run id, rig, camera serial, software version."""
+
+FRAMES_PER_BURST = "frames_per_burst"
+"""Key in the metadata: frames in a whole burst, so that a torn file can say what its last one lacks."""

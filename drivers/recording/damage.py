@@ -25,7 +25,9 @@ class ShortBurst(BaseModel):
 
     burst: int
     frames: int = Field(description="Frames that could be read.")
-    expected: int = Field(description="Frames of the fullest burst, or of the plan as far as poses are seen.")
+    expected: int | None = Field(
+        description="As planned, or as the fullest has; null where the file is torn in its only burst."
+    )
 
 
 class Damage(BaseModel):
@@ -60,10 +62,7 @@ class Damage(BaseModel):
             said.append(f"missing frames: {_ranges(self.lost_frames)}")
         if self.incomplete_frames:
             said.append(f"incomplete frames: {_ranges(self.incomplete_frames)}")
-        said.extend(
-            f"burst {short.burst} has {short.frames} of {short.expected} frames"
-            for short in self.short_bursts
-        )
+        said.extend(_shortness(short) for short in self.short_bursts)
         if self.lost_messages:
             said.append(
                 "lost messages: "
@@ -75,6 +74,12 @@ class Damage(BaseModel):
 def unreadable(fault: Fault) -> UnreadablePart:
     """A fault as it is reported."""
     return UnreadablePart(part=fault.part, offset=fault.offset, length=fault.length, reason=fault.reason)
+
+
+def _shortness(short: ShortBurst) -> str:
+    if short.expected is None:
+        return f"burst {short.burst} has {short.frames} frames, perhaps not all"
+    return f"burst {short.burst} has {short.frames} of {short.expected} frames"
 
 
 def _describe(part: UnreadablePart) -> str:

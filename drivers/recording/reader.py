@@ -105,6 +105,11 @@ class Recording:
                 f"{self.path}: {attachments.TRUTH} cannot be read ({error}); expected the array `distance`"
             ) from error
 
+    @property
+    def _frames_per_burst(self) -> int | None:
+        said = self.metadata.get(attachments.FRAMES_PER_BURST, "")
+        return int(said) if said.isdecimal() and int(said) > 0 else None
+
     @cached_property
     def damage(self) -> Damage | None:
         """What cannot be read and what is missing for that reason; None for a whole recording."""
@@ -119,7 +124,9 @@ class Recording:
             lost_messages=dict(found.lost),
             lost_frames=tuple(sorted(between - set(sequences) - set(found.incomplete))),
             incomplete_frames=tuple(found.incomplete),
-            short_bursts=_short_bursts(found.frames, any(fault.part == "end" for fault in found.faults)),
+            short_bursts=_short_bursts(
+                found.frames, self._frames_per_burst, any(fault.part == "end" for fault in found.faults)
+            ),
         )
 
     def messages(self, topics: Iterable[str] | None = None) -> Iterator[tuple[Message, int]]:
@@ -208,8 +215,8 @@ def _calibration_of(message: Message) -> Calibration:
     )
 
 
-def _short_bursts(frames: Sequence[FrameEntry], is_torn: bool) -> tuple[ShortBurst, ...]:
-    """Bursts with fewer frames than the fullest, or than the poses seen in it call for.
+def _short_bursts(frames: Sequence[FrameEntry], planned: int | None, is_torn: bool) -> tuple[ShortBurst, ...]:
+    """Bursts with fewer frames than planned, or than the fullest where the plan is not known.
 
     The last burst of a file that is not torn may be short because the recording was stopped: it counts only
     where a pose is missing.
@@ -220,13 +227,18 @@ def _short_bursts(frames: Sequence[FrameEntry], is_torn: bool) -> tuple[ShortBur
         if entry.burst is not None:
             counts[entry.burst] += 1
             poses[entry.burst] = max(poses[entry.burst], (entry.pose or 0) + 1)
-    expected = max([*counts.values(), *poses.values()], default=0)
-    stopped = {frames[-1].burst} if frames and not is_torn else set()
-    return tuple(
+    if not counts:
+        return ()
+    expected = planned or max(*counts.values(), *poses.values())
+    last = frames[-1].burst
+    short = [
         ShortBurst(burst=burst, frames=count, expected=expected)
         for burst, count in counts.items()
-        if count < expected and not (burst in stopped and poses[burst] <= count)
-    )
+        if count < expected and not (burst == last and not is_torn and poses[burst] <= count)
+    ]
+    if is_torn and last is not None and len(counts) == 1 and planned is None and not short:
+        short.append(ShortBurst(burst=last, frames=counts[last], expected=None))
+    return tuple(short)
 
 
 def _size(shape: tuple[int, int]) -> str:
