@@ -1,6 +1,7 @@
 """The frames that become one map."""
 
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, field
 
 from drivers.calibration import Calibration
 from drivers.errors import RecordingError
@@ -16,6 +17,7 @@ class Burst:
         frames: at least one, all of the calibration's shape.
         calibration: of the camera that took them.
         expected: how many frames the plan has; more than `len(frames)` where some are missing.
+        completed: when the last frame had come, `time.monotonic()` of this process.
 
     Raises:
         RecordingError: no frame, frames of another shape than the calibration's, or of different ranges.
@@ -25,6 +27,7 @@ class Burst:
     frames: tuple[Frame, ...]
     calibration: Calibration
     expected: int
+    completed: float = field(default_factory=time.monotonic, compare=False)
 
     def __post_init__(self) -> None:
         if not self.frames:

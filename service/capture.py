@@ -95,7 +95,7 @@ class Grabber:
         return frame
 
     def restart(self) -> None:
-        """Forget the last number: the camera was opened again."""
+        """Forget the last number: frames may have passed that nobody wanted."""
         self._sequence = None
 
 
@@ -133,6 +133,8 @@ class ScanBursts:
 
     def _attempt(self, number: int, pose: int) -> Frame:
         target = self._plan.poses[pose]
+        if self._plan.moves:
+            self._grabber.restart()  # frames that pass while the stage moves are not missed
         self._rig.stage.move_to(target.pan, target.tilt)
         self._rig.stage.wait(self._move_timeout)
         still = self._rig.clock.now() + round(self._settle * 1e9)

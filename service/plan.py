@@ -35,6 +35,11 @@ class Plan:
     def __len__(self) -> int:
         return len(self.offsets)
 
+    @property
+    def moves(self) -> bool:
+        """Whether the poses differ."""
+        return bool(np.any(self.offsets))
+
     @cached_property
     def poses(self) -> tuple[Position, ...]:
         """Stage angles of each pose: dx = −fx · tan(pan), dy = −fy · tan(tilt) about the centre."""

@@ -48,5 +48,5 @@ class BurstReport(BaseModel):
     )
     seconds: Phases
     latency: float | None = Field(
-        None, description="Seconds from the exposure of the last frame to the finished map; live only."
+        None, description="Seconds from the arrival of the last frame to the map; none outside the service."
     )

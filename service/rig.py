@@ -10,7 +10,7 @@ from drivers.calibration import Calibration
 from drivers.camera import Camera
 from drivers.clock import Clock, SystemClock
 from drivers.device import Device
-from drivers.errors import DriverError, InitialisationError, NotAvailableError
+from drivers.errors import DriverError, InitialisationError, NotAvailableError, RecordingError
 from drivers.settings import CameraSettings
 from drivers.stage import Stage
 from service.config import CameraSection, Configuration
@@ -133,16 +133,25 @@ def make_rig(configuration: Configuration, clock: Clock | None = None) -> Rig:
     """The configured devices, closed (for `auto`, those that were found).
 
     Raises:
-        ConfigurationError: an option that a backend does not know or cannot take.
-        NotAvailableError: an unknown backend, a missing library, or no camera at all.
-        RecordingError: `camera.calibration` cannot be read.
+        ConfigurationError: an unknown backend, an option that it cannot take, or a calibration
+            that cannot be read.
+        NotAvailableError: a missing library, or no camera at all.
     """
     clock = clock if clock is not None else SystemClock()
     section = configuration.camera
-    calibration = Calibration.load(section.calibration) if section.calibration is not None else None
+    calibration = _calibration(section.calibration)
     stage = _made(make_stage, "stage", configuration.stage.backend, configuration.stage.options, clock)
     camera = find_camera(section, clock)
     return Rig(camera, stage, clock, section.settings, calibration)
+
+
+def check_options(configuration: Configuration) -> None:
+    """Check the backends named and their options, without looking for any device; raises as `make_rig`."""
+    clock = SystemClock()
+    _made(make_stage, "stage", configuration.stage.backend, configuration.stage.options, clock)
+    if configuration.camera.backend != "auto":
+        _made(make_camera, "camera", configuration.camera.backend, configuration.camera.options, clock)
+    _calibration(configuration.camera.calibration)
 
 
 def find_camera(section: CameraSection, clock: Clock) -> Camera:
@@ -182,7 +191,21 @@ def _made(
     options: Mapping[str, Any],
     clock: Clock,
 ) -> D:
+    known = backend_names(kind)
+    if name not in known:
+        raise ConfigurationError(
+            f"{kind}.backend = {name!r}: there is no such {kind}; known: {', '.join(known)}"
+        )
     try:
         return make(name, options, clock)
     except InitialisationError as error:
         raise ConfigurationError(f"{kind}.options: {error}") from error
+
+
+def _calibration(path: Path | None) -> Calibration | None:
+    if path is None:
+        return None
+    try:
+        return Calibration.load(path)
+    except RecordingError as error:
+        raise ConfigurationError(f"camera.calibration: {error}") from error

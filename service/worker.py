@@ -4,7 +4,7 @@ import logging
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from threading import Condition, Lock, Thread
@@ -86,6 +86,11 @@ class FusionWorker:
             self._queue.append(burst)
             self._changed.notify_all()
 
+    @property
+    def waiting(self) -> int:
+        """Bursts in the queue."""
+        return len(self._queue)
+
     def drain(self, timeout: float | None = None) -> bool:
         """Wait until every burst submitted has been fused or reported; False where time ran out.
 
@@ -166,7 +171,7 @@ class FusionWorker:
             else:
                 if isinstance(answer, FusedBurst):
                     self.counts.fused += 1
-                    self._on_fused(answer)
+                    self._on_fused(_timed(answer, burst))
                     return
                 reason = answer.reason
                 break
@@ -188,6 +193,11 @@ class FusionWorker:
                 raise WorkerError(f"the fusion cannot work as configured: {answer.reason}")
             _log.info("fusion worker ready after %.1f s", answer.seconds)
             return
+
+
+def _timed(result: FusedBurst, burst: Burst) -> FusedBurst:
+    latency = time.monotonic() - burst.completed
+    return replace(result, report=result.report.model_copy(update={"latency": latency}))
 
 
 class _Process:

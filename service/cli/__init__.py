@@ -32,7 +32,13 @@ class Entry:
 _DAEMON, _LIVE = "The service", "Talking to a running service"
 _RECORDINGS, _DEVICES, _REST = "Recordings", "Devices", "Everything else"
 
-COMMANDS: dict[str, Entry] = {}
+COMMANDS: dict[str, Entry] = {
+    "run": Entry("service.cli.run", "run", "Capture or play, fuse and publish: the service itself.", _DAEMON),
+    "simulate": Entry(
+        "service.cli.simulate", "simulate", "Record a simulated scan with its ground truth.", _RECORDINGS
+    ),
+    "config": Entry("service.cli.config", "config", "Check a configuration, or show its schema.", _REST),
+}
 """Every command, in the order that help shows them."""
 
 

@@ -1,0 +1,57 @@
+"""`lidarboost config`: check a configuration file, or show what it may hold."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+config = typer.Typer(
+    no_args_is_help=True, help="Check a configuration, or show its schema.", rich_markup_mode="rich"
+)
+
+
+@config.command()
+def check(
+    file: Annotated[
+        Path | None, typer.Argument(help="Configuration, TOML; none = the defaults and the environment.")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the configuration in force as JSON.")
+    ] = False,
+) -> None:
+    """Check a configuration: file, environment, and the options of the camera and stage it names.
+
+    Opens no device. Prints the configuration in force, as TOML.
+
+    [bold]Examples[/bold]
+
+      lidarboost config check rig.toml
+
+      LIDARBOOST_FUSION__METHOD=area lidarboost config check --json
+
+    [bold]Exit status[/bold]  0 it can be used; 2 it cannot, and standard error says where and why
+    """
+    import tomli_w
+
+    from service.config_file import load
+    from service.rig import check_options
+
+    found = load(file)
+    check_options(found)
+    if as_json:
+        print(found.model_dump_json(indent=2))
+    else:
+        print(tomli_w.dumps(found.model_dump(mode="json", exclude_none=True)), end="")
+
+
+@config.command()
+def schema() -> None:
+    """Print the JSON schema of the configuration: every key with its unit, bounds, default and meaning.
+
+    [bold]Example[/bold]  lidarboost config schema > lidarboost.schema.json
+    """
+    import json
+
+    from service.config_file import schema as found
+
+    print(json.dumps(found(), indent=2, ensure_ascii=False))

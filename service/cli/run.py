@@ -1,0 +1,142 @@
+"""`lidarboost run`: the service itself."""
+
+import logging
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from service.config import Configuration
+    from service.daemon import Daemon
+    from service.summary import RunSummary
+
+_REPLAY, _RUN = "Playing a recording", "Running"
+
+
+def run(
+    config: Annotated[
+        Path | None, typer.Argument(help="Configuration, TOML; see: lidarboost config schema.")
+    ] = None,
+    replay: Annotated[
+        Path | None, typer.Option(help="Play this recording instead of a camera.", rich_help_panel=_REPLAY)
+    ] = None,
+    speed: Annotated[
+        float | None,
+        typer.Option(
+            min=0.001, max=1000.0, help="Times real time; 1 unless --once.", rich_help_panel=_REPLAY
+        ),
+    ] = None,
+    loop: Annotated[
+        bool, typer.Option("--loop", help="Begin again at the end.", rich_help_panel=_REPLAY)
+    ] = False,
+    once: Annotated[
+        bool,
+        typer.Option(
+            "--once",
+            help="One pass: the recording to its end, or one burst; nothing is dropped.",
+            rich_help_panel=_RUN,
+        ),
+    ] = False,
+    output: Annotated[
+        Path | None,
+        typer.Option(help="Directory for fused.mcap and a picture of every burst.", rich_help_panel=_RUN),
+    ] = None,
+    as_json: Annotated[
+        bool,
+        typer.Option("--json", help="Say what was done as JSON on standard output.", rich_help_panel=_RUN),
+    ] = False,
+) -> None:
+    """Capture or play frames, fuse them, and publish the maps over Zenoh.
+
+    Without options it is a daemon: it scans as configured, publishes what it fuses, survives lost devices,
+    and ends cleanly on SIGTERM or Ctrl-C.
+
+    [bold]Examples[/bold]
+
+      lidarboost run --replay recordings/wedges.mcap --once --output out   fuse a recording, then end
+
+      lidarboost run --replay recordings/wedges.mcap --loop                stand in for a live camera
+
+      lidarboost run rig.toml                                              the rig that rig.toml describes
+
+      LIDARBOOST_CAMERA__BACKEND=simulated LIDARBOOST_STAGE__BACKEND=simulated lidarboost run --once
+
+    [bold]Exit status[/bold]  0 done; 1 failed; 2 wrong usage or configuration; 3 done, but data was lost
+    (a damaged recording, a burst that could not be fused, something not delivered).
+    """
+    from service.cli.progress import shown_progress
+    from service.config_file import load
+    from service.daemon import Daemon
+    from service.logs import log_to_stream
+    from service.rig import make_rig
+
+    _check(replay, speed, loop, once)
+    configuration = load(config)
+    if replay is not None:
+        configuration = _playing(configuration, replay, speed or (None if once else 1.0), loop)
+    log_to_stream(logging.WARNING if once or as_json else logging.INFO)
+    rig = make_rig(configuration)
+    with shown_progress(quiet=as_json or not once) as watch:
+        daemon = Daemon(configuration, rig, output=output, once=once, watch=watch)
+        with _stopped_by_signals(daemon):
+            summary = daemon.run()
+    if as_json:
+        print(summary.model_dump_json(indent=2))
+    else:
+        _tell(summary)
+    # A daemon that was told to stop has done its work, whatever it lost on the way.
+    if summary.lost and not (daemon.stop.is_set() and not once):
+        raise typer.Exit(3)
+
+
+def _check(replay: Path | None, speed: float | None, loop: bool, once: bool) -> None:
+    if replay is None and (speed is not None or loop):
+        raise typer.BadParameter("--speed and --loop need --replay FILE: they say how a recording is played")
+    if once and loop:
+        raise typer.BadParameter("--once plays a recording to its end, --loop never ends: choose one of them")
+
+
+def _playing(configuration: "Configuration", path: Path, speed: float | None, loop: bool) -> "Configuration":
+    """The same configuration with a recording for a camera, whose frames say themselves where they looked."""
+    camera = {"backend": "replay", "options": {"path": path, "speed": speed, "loop": loop}, "settings": None}
+    stage = {"backend": "none", "options": {}}
+    return configuration.model_copy(
+        update={
+            "camera": configuration.camera.model_copy(update=camera),
+            "stage": configuration.stage.model_copy(update=stage),
+        }
+    )
+
+
+@contextmanager
+def _stopped_by_signals(daemon: "Daemon") -> Iterator[None]:
+    """SIGTERM and Ctrl-C end the run cleanly; a second one ends it at once."""
+
+    def stop(number: int, _frame: FrameType | None) -> None:
+        daemon.stop.set()
+        signal.signal(number, signal.SIG_DFL if number == signal.SIGTERM else signal.default_int_handler)
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _tell(summary: "RunSummary") -> None:
+    """What was done, with units, on standard output."""
+    print(
+        f"{summary.frames} frames of {summary.model} ({summary.source}), {summary.bursts} bursts, "
+        f"{summary.maps} maps, {summary.published} messages published, {summary.seconds:.1f} s"
+    )
+    if summary.files:
+        print("wrote", ", ".join(summary.files))
+    for loss in summary.lost:
+        print("lost:", loss, file=sys.stderr)

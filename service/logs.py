@@ -1,0 +1,78 @@
+"""The service's log: to standard output and to the topic `log`; repeated warnings are thinned out."""
+
+import logging
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from drivers.messages import Message
+
+_LOGGERS = ("service", "drivers")
+_QUIET = 10.0
+"""Seconds in which the same message is not said again."""
+
+
+class RepeatFilter(logging.Filter):
+    """Lets a message (by its place in the code) through once in ten seconds, and says how often it came."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        super().__init__()
+        self._clock = clock
+        self._said: dict[tuple[str, int], float] = {}
+        self._held: dict[tuple[str, int], int] = {}
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        place = record.pathname, record.lineno
+        now = self._clock()
+        if now - self._said.get(place, -_QUIET) < _QUIET and record.levelno >= logging.WARNING:
+            self._held[place] = self._held.get(place, 0) + 1
+            return False
+        self._said[place] = now
+        held = self._held.pop(place, 0)
+        if held:
+            record.msg = f"{record.getMessage()} (and {held} times more since)"
+            record.args = None
+        return True
+
+
+class _Publishing(logging.Handler):
+    def __init__(self, send: Callable[[Message], None]) -> None:
+        super().__init__(logging.INFO)
+        self._send = send
+
+    def emit(self, record: logging.LogRecord) -> None:
+        from service.messages import log_message
+
+        try:
+            self._send(log_message(record))
+        except Exception:
+            self.handleError(record)
+
+
+def log_to_stream(level: int) -> None:
+    """Log this service's records of at least `level` to standard output, time first (to the error stream
+    where only warnings are wanted: standard output then belongs to the result)."""
+    handler = logging.StreamHandler(sys.stderr if level >= logging.WARNING else sys.stdout)
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
+    handler.addFilter(RepeatFilter())
+    for name in _LOGGERS:
+        logger = logging.getLogger(name)
+        logger.handlers[:] = [handler]
+        logger.setLevel(min(level, logging.INFO))
+        handler.setLevel(level)
+
+
+@contextmanager
+def published_log(send: Callable[[Message], None]) -> Iterator[None]:
+    """Send this service's records, from INFO on, as messages while in the context."""
+    handler = _Publishing(send)
+    handler.addFilter(RepeatFilter())
+    for name in _LOGGERS:
+        logging.getLogger(name).addHandler(handler)
+        logging.getLogger(name).setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        for name in _LOGGERS:
+            logging.getLogger(name).removeHandler(handler)

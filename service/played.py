@@ -1,0 +1,34 @@
+"""What is known beyond the frames: the recording that is played, and the truth where there is one."""
+
+from io import BytesIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.camera import Camera
+from drivers.recording import Recording
+
+
+def recording_of(camera: Camera) -> Recording | None:
+    """The recording that an open camera plays, or None."""
+    if camera.capabilities.source != "replay":
+        return None
+    played = getattr(camera, "recording", None)
+    return played if isinstance(played, Recording) else None
+
+
+def truth_of(camera: Camera, upsampling: int) -> NDArray[np.float32] | None:
+    """(βH, βW) true distance of the reference view, metres: of the recording, of the simulation, or None."""
+    recording = recording_of(camera)
+    if recording is not None:
+        return recording.truth
+    if camera.capabilities.source == "simulation":
+        return np.asarray(camera.truth(upsampling).distance, dtype=np.float32)  # type: ignore[attr-defined]
+    return None
+
+
+def pack_truth(truth: NDArray[np.float32]) -> bytes:
+    """The content of the attachment `truth.npz`."""
+    content = BytesIO()
+    np.savez_compressed(content, distance=truth)
+    return content.getvalue()

@@ -1,0 +1,39 @@
+"""What every recording of a running service begins with."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.recording import attachments
+from service.config import Configuration
+from service.played import pack_truth
+from service.recording_file import Head
+from service.rig import Rig
+from service.versions import software_version
+
+
+def head_of(configuration: Configuration, rig: Rig, truth: NDArray[np.float32] | None) -> Callable[[], Head]:
+    """Metadata, calibration, configuration as used and, where there is one, the truth (βH, βW).
+
+    Taken down now, while the rig is open: a file may be begun while its camera is lost.
+    """
+    import tomli_w
+
+    camera = rig.camera.capabilities
+    metadata = {
+        "rig": configuration.zenoh.prefix,
+        "camera_model": camera.model,
+        "camera_serial": camera.serial or "",
+        "source": camera.source,
+        "software_version": software_version(),
+    }
+    used = tomli_w.dumps(configuration.model_dump(mode="json", exclude_none=True))
+    attached = [
+        (attachments.CALIBRATION, rig.calibration.to_toml().encode(), "application/toml"),
+        (attachments.CONFIGURATION, used.encode(), "application/toml"),
+    ]
+    if truth is not None:
+        attached.append((attachments.TRUTH, pack_truth(truth), "application/octet-stream"))
+    head = Head(metadata, tuple(attached))
+    return lambda: head

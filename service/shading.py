@@ -1,0 +1,90 @@
+"""A fused map as a surface, seen from the side: what tells sharp edges from smeared ones at a glance."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.geometry import normals_from_points, points_from_distance
+from solver.positions import rotation_matrix
+
+_AMBIENT = 0.25
+_SIZE = 640, 480
+"""Columns and rows of the picture."""
+
+_GRAZING = 0.12
+"""Cosine to the ray below which a pixel belongs to no surface, but spans the gap between two."""
+
+_SMOOTHING = 5
+"""Pixels over which normals are averaged: from one pixel to the next, noise turns them by tens of degrees."""
+
+
+def shade(
+    distance: NDArray[np.float32],
+    intrinsics: NDArray[np.float64],
+    distortion: tuple[float, ...] | None,
+    *,
+    yaw: float,
+    pitch: float,
+) -> NDArray[np.float32]:
+    """Render the surface in grey from a viewpoint turned about the scene's middle.
+
+    Lambert's law with a light beside the viewer; the nearest of the points that fall on a pixel is seen.
+
+    Args:
+        distance: (H, W) radial, NaN = unknown.
+        intrinsics, distortion: of that image.
+        yaw, pitch: radians the viewer goes right and up.
+
+    Returns:
+        (rows, columns) float32, 0..1, NaN where nothing is seen.
+    """
+    points = points_from_distance(distance, intrinsics, distortion)
+    normals = normals_from_points(points)
+    known = np.isfinite(points[..., 2]) & np.isfinite(normals[..., 0]) & ~_grazed(points, normals)
+    if not known.any():
+        return np.full((2, 2), np.nan, np.float32)
+    normals = _smoothed(normals, known)
+    turn = rotation_matrix((0.0, yaw, 0.0)) @ rotation_matrix((pitch, 0.0, 0.0))
+    middle = np.median(points[known], axis=0)
+    seen = (points[known] - middle) @ turn.T
+    light = np.array([0.35, -0.5, -1.0])
+    facing = (normals[known] @ turn.T) @ (light / np.linalg.norm(light))
+    value = (_AMBIENT + (1 - _AMBIENT) * np.clip(facing, 0, 1)).astype(np.float32)
+    return _splat(seen, value, float(middle[2]))
+
+
+def _grazed(points: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.bool_]:
+    with np.errstate(invalid="ignore"):
+        cosine = np.abs((points * normals).sum(axis=2)) / np.linalg.norm(points, axis=2)
+        return np.asarray(cosine < _GRAZING)
+
+
+def _smoothed(normals: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
+    import cv2
+
+    kept = np.where(known[..., None], normals, np.float32(0))
+    mean = cv2.blur(kept, (_SMOOTHING, _SMOOTHING))
+    length = np.linalg.norm(mean, axis=2, keepdims=True)
+    return np.asarray(mean / np.maximum(length, np.finfo(np.float32).tiny), np.float32)
+
+
+def _splat(points: NDArray[np.floating], value: NDArray[np.float32], away: float) -> NDArray[np.float32]:
+    """Points in the viewer's axes about the scene's middle, `away` metres off, far ones painted first."""
+    columns, rows = _SIZE
+    depth = points[:, 2] + away
+    front = depth > 0.1 * away
+    points, value, depth = points[front], value[front], depth[front]
+    plane = points[:, :2] / depth[:, None]
+    # The few farthest points would make the rest small.
+    low, high = np.percentile(plane, 0.5, axis=0), np.percentile(plane, 99.5, axis=0)
+    scale = 0.92 * float(min(columns / (high[0] - low[0]), rows / (high[1] - low[1])))
+    cell = ((plane - (low + high) / 2) * scale + (columns / 2, rows / 2)).astype(np.int64)
+    # Each point covers two by two pixels, so that a surface seen askew has no gaps.
+    spread = np.concatenate([cell + step for step in ((0, 0), (1, 0), (0, 1), (1, 1))])
+    order = np.argsort(-np.tile(depth, 4))
+    column, row = spread[order].T
+    inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+    picture = np.full((rows, columns), np.nan, np.float32)
+    picture[row[inside], column[inside]] = np.tile(value, 4)[order][
+        inside
+    ]  # of several the last, the nearest
+    return picture

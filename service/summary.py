@@ -1,0 +1,82 @@
+"""What a run did: for people at its end, and as JSON."""
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from service.fusion import FusedBurst
+from service.quality import Quality
+from service.report import BurstReport
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Errors(_Part):
+    """Distance errors against the truth, metres, beside those of one frame."""
+
+    rms: float = Field(ge=0)
+    mean_absolute: float = Field(ge=0)
+    nearest_rms: float = Field(ge=0, description="Of the reference frame, each pixel repeated β × β times.")
+    nearest_mean_absolute: float = Field(ge=0)
+    pixels: int = Field(ge=1, description="Pixels compared: those that truth, map and frame all know.")
+
+
+class BurstSummary(_Part):
+    """One fused burst."""
+
+    report: BurstReport
+    errors: Errors | None = Field(description="None where there is no truth of the map's size.")
+
+
+class RunSummary(_Part):
+    """One run of the service."""
+
+    source: str = Field(description="Where the frames came from.")
+    model: str = Field(description="What camera.")
+    frames: int = Field(ge=0, description="Frames captured into bursts.")
+    stale: int = Field(ge=0, description="Frames thrown away because the stage still moved.")
+    dropped_frames: int = Field(ge=0, description="Frames that the camera took and that never arrived.")
+    bursts: int = Field(ge=0, description="Bursts captured.")
+    fused: tuple[BurstSummary, ...] = Field(description="The last bursts fused (at most 1000).")
+    maps: int = Field(ge=0, description="Bursts fused.")
+    published: int = Field(ge=0, description="Messages handed to the publisher.")
+    files: tuple[str, ...] = Field(description="Files written.")
+    seconds: float = Field(ge=0, description="From the first frame to the last thing handed over.")
+    lost: tuple[str, ...] = Field(description="What was lost, in words; empty = nothing.")
+
+
+def summarize(result: FusedBurst, quality: Quality | None) -> BurstSummary:
+    """One burst, with its errors where they are known."""
+    errors = None
+    if quality is not None:
+        errors = Errors(
+            rms=quality.rms,
+            mean_absolute=quality.mean_absolute,
+            nearest_rms=quality.nearest_rms,
+            nearest_mean_absolute=quality.nearest_mean_absolute,
+            pixels=quality.pixels,
+        )
+    return BurstSummary(report=result.report, errors=errors)
+
+
+def describe(burst: BurstSummary) -> str:
+    """One burst in one line, with units."""
+    report, errors = burst.report, burst.errors
+    parts = [
+        f"burst {report.burst}: {len(report.used)} of {report.frames} frames",
+        f"{report.width} × {report.height} pixels",
+        report.method + ("" if report.regularization is None else f", λ {report.regularization:.3g}"),
+    ]
+    if errors is not None:
+        parts.append(
+            f"RMS error {errors.rms * 1000:.1f} mm, mean absolute {errors.mean_absolute * 1000:.1f} mm "
+            f"(one frame: {errors.nearest_rms * 1000:.1f} and {errors.nearest_mean_absolute * 1000:.1f} mm)"
+        )
+    elif report.deviation is not None:
+        parts.append(f"median deviation {report.deviation * 1000:.1f} mm")
+    parts.append(f"{report.seconds.total:.2f} s")
+    if report.missing:
+        parts.append(f"{report.missing} frames missing")
+    if not report.converged:
+        parts.append(f"not converged after {report.iterations} iterations")
+    return "; ".join(parts)
