@@ -120,6 +120,12 @@ class Stage(Device):
         self._unknown = reason
 
     @property
+    def resolution(self) -> float:
+        """Smallest step, radians, of the coarser axis; 0 = finer than matters."""
+        self._require_open("read the resolution of")
+        return self._resolution()
+
+    @property
     def limits(self) -> Limits:
         """Angles that the stage accepts."""
         self._require_open("read the limits of")
@@ -139,3 +145,6 @@ class Stage(Device):
 
     @abstractmethod
     def _limits(self) -> Limits: ...
+
+    def _resolution(self) -> float:
+        return 0.0

@@ -35,7 +35,7 @@ class StageSection(_Section):
 
     backend: str = Field("none", description="Backend; `none` = the camera stands still, or turns by itself.")
     options: dict[str, Any] = Field({}, description="Options of the backend itself; it checks them.")
-    resolution: float = Field(0.0, ge=0, le=5, description="Smallest step, degrees; 0 = fine enough.")
+    resolution: float = Field(0.0, ge=0, le=5, description="Smallest step, degrees; 0 = as the stage says.")
     settle: float = Field(
         0.05, ge=0, le=10, description="Seconds to stand still after a movement before a frame counts."
     )
@@ -46,11 +46,17 @@ class PlanSection(_Section):
     """Where the camera looks in the course of one burst."""
 
     span: float = Field(
-        3.0, ge=0, le=40, description="Width of the field of poses, end to end, low-resolution pixels."
+        1.0, ge=0, le=40, description="Width of the field of poses, end to end, low-resolution pixels."
     )
     axes: Literal["pan", "both"] = Field("both", description="Turn in pan only, or in pan and tilt.")
     pan: float = Field(0.0, ge=-180, le=180, description="Centre of the poses, degrees, > 0 left.")
     tilt: float = Field(0.0, ge=-90, le=90, description="Centre of the poses, degrees, > 0 up.")
+    nearest: float = Field(
+        1.0, gt=0, le=1000, description="Range of the nearest things in view, metres, to estimate parallax."
+    )
+    farthest: float = Field(
+        5.0, gt=0, le=1000, description="Range of the farthest things in view, metres, to estimate parallax."
+    )
     pause: float = Field(0.0, ge=0, le=86400, description="Seconds between the end of a burst and the next.")
 
 

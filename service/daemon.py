@@ -21,7 +21,8 @@ from service.logs import published_log
 from service.messages import fused_messages, status_message
 from service.monitor import Monitor
 from service.outlets import open_outlets
-from service.plan import make_plan
+from service.plan import Plan, make_plan
+from service.plan_estimate import estimate_plan
 from service.played import recording_of, truth_of
 from service.quality import judge
 from service.recording_head import head_of
@@ -156,11 +157,26 @@ class Daemon:
             settings.fusion.frames,
             self.rig.calibration.intrinsics,
             upsampling=settings.fusion.upsampling,
-            resolution=radians(settings.stage.resolution),
+            resolution=radians(settings.stage.resolution) or self.rig.stage.resolution,
             still=limits.pan[0] == limits.pan[1] and limits.tilt[0] == limits.tilt[1],
         )
         plan.check(limits)
+        if plan.moves:
+            self._announce(plan)
         return ScanBursts(self._grabber, plan, settings.stage.settle, settings.stage.timeout)
+
+    def _announce(self, plan: Plan) -> None:
+        settings = self.configuration
+        expected = estimate_plan(
+            plan,
+            self.rig.calibration,
+            settings.fusion.upsampling,
+            settings.plan.nearest,
+            settings.plan.farthest,
+        )
+        _log.info("plan: %s", expected)
+        for warning in expected.warnings:
+            _log.warning("plan: %s", warning)
 
     def _captured(self, frame: Frame) -> None:
         self._outlets.send(frame_messages(frame, self.rig.calibration.mount))

@@ -88,6 +88,9 @@ class SimulatedStage(Stage):
     def _limits(self) -> Limits:
         return Limits(pan=(-self.PAN_LIMIT, self.PAN_LIMIT), tilt=(-self.TILT_LIMIT, self.TILT_LIMIT))
 
+    def _resolution(self) -> float:
+        return radians(self.options.resolution)
+
     def _whole_steps(self, angle: float) -> float:
         step = radians(self.options.resolution)
         return round(angle / step) * step if step else angle

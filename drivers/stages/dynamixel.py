@@ -116,6 +116,9 @@ class DynamixelStage(SerialStage):
     def _limits(self) -> Limits:
         return Limits(pan=self._pan.limits, tilt=self._tilt.limits if self._tilt else (0.0, 0.0))
 
+    def _resolution(self) -> float:
+        return tau / COUNTS_PER_TURN
+
     def _move_to(self, pan: float, tilt: float) -> None:
         self._raise_if_let_go()
         self._goals = tuple(axis.counts(angle) for axis, angle in zip(self._axes, (pan, tilt), strict=False))

@@ -153,6 +153,9 @@ class GrblStage(SerialStage):
     def _limits(self) -> Limits:
         return Limits(pan=self._pan.limits, tilt=self._tilt.limits if self._tilt else (0.0, 0.0))
 
+    def _resolution(self) -> float:
+        return max(radians(1 / axis.steps) for axis in (self._pan, self._tilt) if axis)
+
     def _move_to(self, pan: float, tilt: float) -> None:
         self._target = self._pan.target(pan), self._tilt.target(tilt) if self._tilt else 0.0
         # G53: machine coordinates, whatever work offset an earlier program has left behind.

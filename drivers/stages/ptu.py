@@ -84,6 +84,9 @@ class PtuStage(SerialStage):
     def _limits(self) -> Limits:
         return Limits(pan=self._pan.limits, tilt=self._tilt.limits)
 
+    def _resolution(self) -> float:
+        return max(self._pan.resolution, self._tilt.resolution)
+
     def _move_to(self, pan: float, tilt: float) -> None:
         self._go(self._pan.counts(pan), self._tilt.counts(tilt))
 

@@ -113,6 +113,7 @@ def test_moves_waits_and_reports_its_own_position(script):
     stage = script.stage(*MOVE, moving, STILL, AT_2048, (bytes.fromhex(READ_POSITION), status(2046, 4)))
     assert stage.limits.pan == pytest.approx((-2048 * COUNT, 2047 * COUNT))
     assert stage.limits.tilt == (0.0, 0.0)
+    assert stage.resolution == COUNT
     stage.move_to(0.0, 0.0)
     stage.wait()
     assert stage.position.pan == pytest.approx(-2 * COUNT)

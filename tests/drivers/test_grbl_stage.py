@@ -80,6 +80,12 @@ def test_other_version_is_refused(script):
         script.stage(banner=(b"Grbl 0.9j ['$' for help]\r\n",), greeting=[])
 
 
+def test_resolution_is_that_of_the_coarser_axis(script):
+    coarse = (b"$$\n", SETTINGS.replace(b"$101=160", b"$101=10"))
+    stage = script.stage(greeting=[coarse, *GREETING[1:]], tilt_axis="Y")
+    assert stage.resolution == pytest.approx(radians(0.1))
+
+
 def test_moves_and_waits_for_two_idle_reports_at_the_target(script):
     early_idle = (b"?", idle(0))
     stage = script.stage(MOVE, early_idle, RUN, THERE, THERE, THERE)

@@ -73,9 +73,11 @@ def script(monkeypatch):
 
 
 def test_learns_resolution_and_limits_from_the_unit(script):
-    limits = script.stage().limits
+    stage = script.stage()
+    limits = stage.limits
     assert limits.pan == pytest.approx((-3090 * COUNT, 3090 * COUNT))
     assert limits.tilt == pytest.approx((-907 * COUNT, 604 * COUNT))
+    assert stage.resolution == pytest.approx(COUNT)
     script.port.finish()
 
 
