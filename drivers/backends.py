@@ -14,6 +14,7 @@ from drivers.errors import InitialisationError, NotAvailableError
 from drivers.stage import Stage
 
 CAMERAS: dict[str, tuple[str, str]] = {
+    "mesasr": ("drivers.mesasr", "MesaCamera"),
     "replay": ("drivers.replay", "ReplayCamera"),
     "simulated": ("drivers.simulated", "SimulatedCamera"),
     "usb": ("drivers.usb", "UsbCamera"),

@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 
 from drivers.errors import InitialisationError
+from drivers.exposure import SAMPLES
 from drivers.settings import CameraSettings
 from drivers.usb.profile import Exposure, Fact, Profile, usable
 from drivers.usb.steps import RegisterWrite
-from drivers.usb.timing import SAMPLES
 
 
 def initial_settings(profile: Profile, allow_inferred: bool) -> CameraSettings:

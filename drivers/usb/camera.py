@@ -11,13 +11,13 @@ from drivers.clock import Clock
 from drivers.device import BackendOptions
 from drivers.errors import (
     DeviceLostError,
-    DeviceTimeoutError,
     DriverError,
     InitialisationError,
     NotAvailableError,
     OperationError,
 )
 from drivers.frame import Frame
+from drivers.pacing import Pacer
 from drivers.settings import CameraSettings, Capabilities
 from drivers.usb.adjust import check_settings, initial_settings, register_writes
 from drivers.usb.discovery import UsbDevice, find_cameras
@@ -65,7 +65,7 @@ class UsbCamera(Camera):
         self._integration_time: float | None = None
         self._sequence = 0
         self._failures = 0
-        self._due = 0
+        self._pacer = Pacer(self.clock)
 
     def _open(self) -> None:
         consent = self.options.allow_inferred
@@ -116,14 +116,14 @@ class UsbCamera(Camera):
 
     def _start(self) -> None:
         self._failures = 0
-        self._due = self.clock.now()
+        self._pacer.start()
 
     def _stop(self) -> None:
         pass
 
     def _grab(self, timeout: float) -> Frame:
         deadline = self.clock.now() + round(timeout * 1e9)
-        self._pace(deadline)
+        self._pacer.wait(self._settings.frame_rate, deadline)
         self._sequence += 1
         try:
             assert self._reader is not None
@@ -158,17 +158,6 @@ class UsbCamera(Camera):
     def _is_plugged_in(self) -> bool:
         there = {(device.bus, device.address) for device in find_cameras(self._known)}
         return self._device is not None and (self._device.bus, self._device.address) in there
-
-    def _pace(self, deadline: int) -> None:
-        rate = self._settings.frame_rate
-        if rate is None:
-            return
-        if self._due > deadline:
-            raise DeviceTimeoutError(f"at {rate:g} frames/s the next frame is due after the time allowed")
-        now = self.clock.now()
-        self.clock.sleep((self._due - now) / 1e9)
-        # absolute schedule, but a late caller does not make later frames hurry
-        self._due = max(self._due, now) + round(1e9 / rate)
 
     def _apply(self, settings: CameraSettings) -> CameraSettings:
         consent = self.options.allow_inferred

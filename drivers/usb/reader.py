@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from drivers.clock import Clock
 from drivers.errors import DeviceLostError, DeviceTimeoutError, OperationError
+from drivers.exposure import mid_exposure
 from drivers.usb.image import unpack
-from drivers.usb.profile import Profile
-from drivers.usb.timing import mid_exposure
+from drivers.usb.profile import Profile, usable
 from drivers.usb.transport import CALL_TIMEOUT, StallError, Transport
 
 log = logging.getLogger(__name__)
@@ -75,7 +75,15 @@ class FrameReader:
         received = self._read(deadline)
         finished = self._clock.now()
         counts, amplitude = unpack(self._pixels[:received], self._profile.image)
-        return Exposed(counts, amplitude, *mid_exposure(requested, finished, integration_time, self._profile))
+        waits = self._profile.trigger_starts_exposure
+        timestamp, uncertainty = mid_exposure(
+            requested,
+            finished,
+            integration_time,
+            self._profile.image.frame_bytes,
+            waits=bool(waits.value) and usable(waits, allow_inferred=False),
+        )
+        return Exposed(counts, amplitude, timestamp, uncertainty)
 
     def _read(self, deadline: int) -> int:
         """Bytes of one frame in the buffer; a read that comes up short is continued until the deadline."""

@@ -141,9 +141,9 @@ def steps_of(transfers: Sequence[Transfer], bulk_out: int) -> list[Step]:
     previous: Transfer | None = None
     for transfer in transfers:
         step = _step(transfer, bulk_out, _pause(previous, transfer))
-        previous = transfer
         if step is not None:
             steps.append((step, transfer))
+            previous = transfer
     return _collapse_polls(steps)
 
 

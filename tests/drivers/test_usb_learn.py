@@ -221,9 +221,10 @@ def test_too_few_frames(tmp_path, session):
 
 
 def test_a_camera_that_sends_by_itself_has_no_trigger(tmp_path):
-    session = []
-    for start in range(EPOCH, EPOCH + 8 * 10**7, 10**7):
-        session.append(Transfer("read", 0x86, start, start + 9000, received=bytes(101376), asked=101376))
+    session = [
+        Transfer("read", 0x86, start, start + 9000, received=bytes(101376), asked=101376)
+        for start in range(EPOCH, EPOCH + 8 * 10**7, 10**7)
+    ]
     profile = learn(capture(tmp_path / "t.pcapng", session, "220"), model="SR4000").profile
     assert profile.trigger.known == ()
     assert profile.image.read_bytes.known == 101376
