@@ -37,6 +37,8 @@ COMMANDS: dict[str, Entry] = {
     "simulate": Entry(
         "service.cli.simulate", "simulate", "Record a simulated scan with its ground truth.", _RECORDINGS
     ),
+    "import": Entry("service.cli.import_", "import_frames", "Make a recording of camera files.", _RECORDINGS),
+    "info": Entry("service.cli.info", "info", "Show what a recording holds and what it lacks.", _RECORDINGS),
     "config": Entry("service.cli.config", "config", "Check a configuration, or show its schema.", _REST),
 }
 """Every command, in the order that help shows them."""
