@@ -53,10 +53,11 @@ def draw(result: FusedBurst, truth: NDArray[np.float32] | None) -> "Figure":
     )
     _image(
         axes[0, 1],
-        np.sqrt(frame.amplitude.astype(np.float32)),
+        frame.amplitude,
         "gray",
-        "√ amplitude, √ counts",
+        "amplitude, counts",
         f"frame {frame.sequence}: amplitude",
+        root=True,
     )
     _image(
         axes[0, 2],
@@ -96,16 +97,21 @@ def _judged(axes: "Axes", result: FusedBurst, truth: NDArray[np.float32] | None)
 
 def _image(
     axes: "Axes",
-    image: NDArray[np.floating],
+    image: NDArray[np.floating] | NDArray[np.uint16],
     colours: str,
     unit: str | None,
     title: str,
     low: float | None = None,
     high: float | None = None,
     background: str = "#c8c8c8",
+    root: bool = False,
 ) -> None:
+    """Show an image; with `root`, brightness follows the square root, which light's wide range needs."""
+    from matplotlib.colors import Normalize, PowerNorm
+
     axes.set_facecolor(background)
-    shown = axes.imshow(image, cmap=colours, vmin=low, vmax=high, interpolation="nearest")
+    scale = PowerNorm(0.5, vmin=low, vmax=high) if root else Normalize(low, high)
+    shown = axes.imshow(image, cmap=colours, norm=scale, interpolation="nearest")
     axes.set_title(title, fontsize=11)
     axes.set_xticks([])
     axes.set_yticks([])

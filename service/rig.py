@@ -139,7 +139,7 @@ def make_rig(configuration: Configuration, clock: Clock | None = None) -> Rig:
     """
     clock = clock if clock is not None else SystemClock()
     section = configuration.camera
-    calibration = _calibration(section.calibration)
+    calibration = configured_calibration(section)
     stage = _made(make_stage, "stage", configuration.stage.backend, configuration.stage.options, clock)
     camera = find_camera(section, clock)
     return Rig(camera, stage, clock, section.settings, calibration)
@@ -151,7 +151,17 @@ def check_options(configuration: Configuration) -> None:
     _made(make_stage, "stage", configuration.stage.backend, configuration.stage.options, clock)
     if configuration.camera.backend != "auto":
         _made(make_camera, "camera", configuration.camera.backend, configuration.camera.options, clock)
-    _calibration(configuration.camera.calibration)
+    configured_calibration(configuration.camera)
+
+
+def configured_calibration(section: CameraSection) -> Calibration | None:
+    """The calibration that replaces the camera's own, or None; raises ConfigurationError."""
+    if section.calibration is None:
+        return None
+    try:
+        return Calibration.load(section.calibration)
+    except RecordingError as error:
+        raise ConfigurationError(f"camera.calibration: {error}") from error
 
 
 def find_camera(section: CameraSection, clock: Clock) -> Camera:
@@ -200,12 +210,3 @@ def _made(
         return make(name, options, clock)
     except InitialisationError as error:
         raise ConfigurationError(f"{kind}.options: {error}") from error
-
-
-def _calibration(path: Path | None) -> Calibration | None:
-    if path is None:
-        return None
-    try:
-        return Calibration.load(path)
-    except RecordingError as error:
-        raise ConfigurationError(f"camera.calibration: {error}") from error

@@ -39,6 +39,8 @@ COMMANDS: dict[str, Entry] = {
     ),
     "import": Entry("service.cli.import_", "import_frames", "Make a recording of camera files.", _RECORDINGS),
     "info": Entry("service.cli.info", "info", "Show what a recording holds and what it lacks.", _RECORDINGS),
+    "recover": Entry("service.cli.recover", "recover", "Save what a torn recording holds.", _RECORDINGS),
+    "fuse": Entry("service.cli.fuse", "fuse", "Fuse recordings offline.", _RECORDINGS),
     "config": Entry("service.cli.config", "config", "Check a configuration, or show its schema.", _REST),
 }
 """Every command, in the order that help shows them."""

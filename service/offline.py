@@ -1,0 +1,88 @@
+"""Fuses a recording without any service around it."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+from drivers.calibration import Calibration
+from drivers.messages import calibration_message, frame_messages
+from drivers.recording import Recording, RecordingWriter, attachments
+from service.burst import Burst
+from service.config import FusionSection
+from service.fusion import FusedBurst, fuse_burst
+from service.messages import fused_messages
+from solver.result import Progress
+
+Announce = Callable[[Burst], Progress | None]
+"""Told of each burst before it is fused; gives back whom the solver tells how far it is."""
+
+
+def recorded_bursts(
+    recording: Recording, settings: FusionSection, calibration: Calibration
+) -> Iterator[Burst]:
+    """The bursts of a recording; one without a number of its own is numbered from 0.
+
+    A burst lacks frames where poses are missing in it, or where an earlier one had more.
+    """
+    fullest = 0
+    for number, frames in enumerate(recording.bursts(settings.frames)):
+        expected = settings.frames
+        named = frames[0].burst
+        if named is not None:
+            expected = fullest = max(fullest, len(frames), 1 + max(frame.pose or 0 for frame in frames))
+        yield Burst(number if named is None else named, tuple(frames), calibration, expected)
+
+
+def fuse_recording(
+    recording: Recording,
+    settings: FusionSection,
+    calibration: Calibration | None = None,
+    output: Path | None = None,
+    announce: Announce = lambda _: None,
+) -> Iterator[FusedBurst]:
+    """Fuse burst after burst; with `output`, write frames and maps into a recording, whole or not at all.
+
+    Messages get the times of the frames for their log times, so that the result depends on the input alone.
+
+    Args:
+        recording: what to fuse.
+        settings: how.
+        calibration: replaces the recording's own.
+        output: MCAP file to write.
+        announce: told of each burst.
+
+    Raises:
+        RecordingError: no calibration, or frames that do not fit it.
+        FusionError: a burst that cannot be fused.
+        StorageError: the file cannot be written.
+    """
+    known = calibration or recording.calibration
+    with ExitStack() as stack:
+        writer = None
+        if output is not None:
+            writer = stack.enter_context(RecordingWriter(output, recording.metadata))
+            _copy_attachments(recording, known, writer)
+        for burst in recorded_bursts(recording, settings, known):
+            result = fuse_burst(burst, settings, announce(burst))
+            if writer is not None:
+                _write(writer, burst, result)
+            yield result
+
+
+def _copy_attachments(recording: Recording, calibration: Calibration, writer: RecordingWriter) -> None:
+    writer.attach(attachments.CALIBRATION, calibration.to_toml().encode(), "application/toml")
+    for name in (attachments.CONFIGURATION, attachments.TRUTH):
+        attached = recording.attachments.get(name)
+        if attached is not None:
+            writer.attach(name, attached.data, attached.media_type)
+
+
+def _write(writer: RecordingWriter, burst: Burst, result: FusedBurst) -> None:
+    for frame in burst.frames:
+        for message in frame_messages(frame, burst.calibration.mount):
+            writer.write(message, frame.timestamp)
+    writer.write(
+        calibration_message(burst.calibration, burst.reference.timestamp), burst.frames[-1].timestamp
+    )
+    for message in fused_messages(result):
+        writer.write(message, burst.frames[-1].timestamp)
