@@ -3,7 +3,17 @@
 from drivers.recording import attachments
 from drivers.recording.damage import Damage
 from drivers.recording.reader import Recording, open_recording
+from drivers.recording.recover import recover, recovered_path
 from drivers.recording.summary import RecordingSummary
 from drivers.recording.writer import RecordingWriter
 
-__all__ = ["Damage", "Recording", "RecordingSummary", "RecordingWriter", "attachments", "open_recording"]
+__all__ = [
+    "Damage",
+    "Recording",
+    "RecordingSummary",
+    "RecordingWriter",
+    "attachments",
+    "open_recording",
+    "recover",
+    "recovered_path",
+]

@@ -39,12 +39,15 @@ class RecordingWriter:
     Args:
         path: where the recording shall be.
         metadata: run id, rig, camera serial and what else is known; run id and software version are added.
+        versions: `versions.json` of the software that took the frames; None = this one.
 
     Raises:
         StorageError: the file cannot be made or written. Writing is over then; `close` keeps what there is.
     """
 
-    def __init__(self, path: Path | str, metadata: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self, path: Path | str, metadata: Mapping[str, str] | None = None, versions: bytes | None = None
+    ) -> None:
         self.path = Path(path)
         self._schemas: dict[Schema, int] = {}
         self._channels: dict[str, tuple[int, Schema]] = {}
@@ -58,7 +61,7 @@ class RecordingWriter:
             enable_data_crcs=True,
         )
         try:
-            self._begin(metadata or {})
+            self._begin(metadata or {}, versions)
         except BaseException:
             self.discard()
             raise
@@ -143,11 +146,13 @@ class RecordingWriter:
         else:
             self.discard()
 
-    def _begin(self, metadata: Mapping[str, str]) -> None:
-        self._writer.start(library=f"lidarboost {_versions()['lidarboost']}")
-        known = {"run_id": uuid.uuid4().hex, "software_version": _versions()["lidarboost"]}
+    def _begin(self, metadata: Mapping[str, str], versions: bytes | None) -> None:
+        here = _versions()
+        self._writer.start(library=f"lidarboost {here['lidarboost']}")
+        known = {"run_id": uuid.uuid4().hex, "software_version": here["lidarboost"]}
         self._writer.add_metadata(attachments.METADATA, known | dict(metadata))
-        self.attach(attachments.VERSIONS, json.dumps(_versions(), indent=1).encode(), "application/json")
+        content = versions if versions is not None else json.dumps(here, indent=1).encode()
+        self.attach(attachments.VERSIONS, content, "application/json")
 
     def _channel(self, message: Message) -> int:
         if message.topic not in self._channels:

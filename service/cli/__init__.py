@@ -41,6 +41,7 @@ COMMANDS: dict[str, Entry] = {
     "info": Entry("service.cli.info", "info", "Show what a recording holds and what it lacks.", _RECORDINGS),
     "recover": Entry("service.cli.recover", "recover", "Save what a torn recording holds.", _RECORDINGS),
     "fuse": Entry("service.cli.fuse", "fuse", "Fuse recordings offline.", _RECORDINGS),
+    "devices": Entry("service.cli.devices", "app", "List devices; learn a camera from a USB trace.", _DEVICES),
     "config": Entry("service.cli.config", "config", "Check a configuration, or show its schema.", _REST),
 }
 """Every command, in the order that help shows them."""

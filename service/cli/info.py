@@ -54,11 +54,9 @@ def _lines(summary: "RecordingSummary") -> Iterator[tuple[str, str]]:
         yield "attachment", f"{attached.name:<20} {_bytes(attached.size):>9}, {attached.media_type}"
     for key, value in sorted(summary.metadata.items()):
         yield "metadata", f"{key} = {value}"
-    if summary.damage_text is not None:
-        yield "damage", summary.damage_text
+    yield "damage", summary.damage_text or "none, checksums agree"
+    if summary.damage is not None:
         yield "", f"to make a whole file of the rest: lidarboost recover {summary.path}"
-    else:
-        yield "damage", "none, checksums agree"
 
 
 def _frame_lines(frames: "FramesSummary") -> Iterator[tuple[str, str]]:

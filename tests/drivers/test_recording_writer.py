@@ -13,10 +13,17 @@ import pytest
 from made_frames import START, assert_same_frame, make_frame
 
 import drivers.recording.output
-from drivers import StateError, StorageError, sr4000_calibration
+from drivers import RecordingError, StateError, StorageError, sr4000_calibration
 from drivers.calibration import Mount
 from drivers.messages import calibration_message, image_message
-from drivers.recording import Recording, RecordingWriter, attachments, open_recording
+from drivers.recording import (
+    Recording,
+    RecordingWriter,
+    attachments,
+    open_recording,
+    recover,
+    recovered_path,
+)
 
 ROOT = Path(__file__).parents[2]
 
@@ -204,3 +211,42 @@ def test_a_disk_without_any_room_leaves_no_file(tmp_path, full_disk):
     with pytest.raises(StorageError, match="disk is full"):
         RecordingWriter(tmp_path / "x.mcap")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_recover_makes_a_whole_file_of_a_torn_one(tmp_path):
+    path = tmp_path / "x.mcap"
+    with RecordingWriter(path, {"run_id": "r7"}, versions=b'{"numpy": "1"}') as writer:
+        writer.write_calibration(sr4000_calibration(), START)
+        writer.attach(attachments.CONFIGURATION, b"[fusion]", "application/toml")
+        for number in range(10):
+            writer.write_frame(make_frame(number), Mount(), log_time=START + 7 * number)
+    torn = path.rename(tmp_path / "x.mcap.active")
+    torn.write_bytes(torn.read_bytes()[:600_000])
+    before = open_recording(torn)
+    whole = recovered_path(torn)
+    assert whole == tmp_path / "x.recovered.mcap"
+    saved = recover(before, whole)
+    after = open_recording(whole)
+    assert after.damage is None
+    assert 3 < after.frame_count == before.frame_count
+    for number, back in enumerate(after.frames()):
+        assert_same_frame(back, make_frame(number))
+    assert after.calibration == sr4000_calibration()
+    assert (after.configuration, after.metadata["run_id"]) == ("[fusion]", "r7")
+    assert after.attachment(attachments.VERSIONS) == b'{"numpy": "1"}'
+    assert saved == sum(entry.count for entry in after.topics.values())
+    times = {log_time for message, log_time in after.messages() if message.topic == "camera/frame"}
+    assert times == {START + 7 * number for number in range(after.frame_count)}
+
+
+def test_recover_refuses_what_holds_nothing_and_its_own_input(tmp_path):
+    (tmp_path / "head.mcap").write_bytes(b"\x89MCAP0\r\n")
+    with pytest.raises(RecordingError, match="nothing can be recovered"):
+        recover(Recording(tmp_path / "head.mcap"), tmp_path / "y.mcap")
+    write_frames(tmp_path / "x.mcap", range(1))
+    for name in ("x.mcap", "x.mcap.active"):
+        (tmp_path / "x.mcap").rename(tmp_path / name)
+        with pytest.raises(RecordingError, match="cannot be recovered in place"):
+            recover(Recording(tmp_path / name), tmp_path / "x.mcap")
+        assert Recording(tmp_path / name).frame_count == 1
+    assert not (tmp_path / "y.mcap").exists()
