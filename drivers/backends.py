@@ -14,6 +14,7 @@ from drivers.errors import InitialisationError, NotAvailableError
 from drivers.stage import Stage
 
 CAMERAS: dict[str, tuple[str, str]] = {
+    "auto": ("drivers.auto", "AutoCamera"),
     "mesasr": ("drivers.mesasr", "MesaCamera"),
     "replay": ("drivers.replay", "ReplayCamera"),
     "simulated": ("drivers.simulated", "SimulatedCamera"),

@@ -34,6 +34,9 @@ _RECORDINGS, _DEVICES, _REST = "Recordings", "Devices", "Everything else"
 
 COMMANDS: dict[str, Entry] = {
     "run": Entry("service.cli.run", "run", "Capture or play, fuse and publish: the service itself.", _DAEMON),
+    "status": Entry("service.cli.status", "status", "Show how a running service is doing.", _LIVE),
+    "get": Entry("service.cli.get", "get", "Show or save the latest value of a topic.", _LIVE),
+    "watch": Entry("service.cli.watch", "watch", "Print the messages of a topic as they come.", _LIVE),
     "simulate": Entry(
         "service.cli.simulate", "simulate", "Record a simulated scan with its ground truth.", _RECORDINGS
     ),
