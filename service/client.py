@@ -14,9 +14,10 @@ import zenoh
 import zenoh.ext
 
 from drivers.messages import CAMERA_CALIBRATION
+from service.addresses import DEFAULT_ENDPOINT, DEFAULT_PREFIX
 from service.decoding import Received, decode
 from service.errors import RemoteError
-from service.session import DEFAULT_ENDPOINT, DEFAULT_PREFIX, open_session
+from service.session import open_session
 from service.topics import FUSED_CALIBRATION, TOPICS, Congestion, Topic
 
 _IMAGES = 2

@@ -13,8 +13,8 @@ import zenoh
 import zenoh.ext
 
 from drivers.messages import Message
+from service.addresses import DEFAULT_PREFIX
 from service.outbox import Outbox
-from service.session import DEFAULT_PREFIX
 from service.sockets import bytes_under_way
 from service.topics import ALIVE, TOPICS, Congestion, Topic
 

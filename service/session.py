@@ -10,11 +10,9 @@ from typing import Literal
 
 import zenoh
 
+from service.addresses import DEFAULT_ENDPOINT
 from service.errors import SessionError
 from service.sockets import holder
-
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-DEFAULT_PREFIX = "lidarboost/rig"
 
 _SETTINGS = {
     "scouting/multicast/enabled": "false",

@@ -1,0 +1,58 @@
+"""`lidarboost status`: how a running service is doing."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from service.cli.remote import DEFAULT_ENDPOINT, DEFAULT_PREFIX, Endpoint, Prefix, Timeout
+
+if TYPE_CHECKING:
+    from service.status import Status
+
+
+def status(
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    prefix: Prefix = DEFAULT_PREFIX,
+    timeout: Timeout = 5.0,
+    as_json: Annotated[bool, typer.Option("--json", help="The status as it was published.")] = False,
+) -> None:
+    """Show how a running service is doing: state, rates, drops by cause, recording, last error."""
+    from service.client import Client
+    from service.status import Status
+
+    with Client(endpoint, prefix) as client:
+        told = Status.model_validate(client.latest("status", timeout).value)
+    if as_json:
+        print(told.model_dump_json(indent=2))
+    else:
+        print("\n".join(f"{name:<10} {said}" for name, said in _lines(told)))
+
+
+def _lines(told: "Status") -> Iterator[tuple[str, str]]:
+    serial = f", serial {told.serial}" if told.serial else ""
+    yield "state", f"{told.state} for {told.uptime:.0f} s (lidarboost {told.version})"
+    yield "source", f"{told.source}: {told.model}{serial}" if told.source else "no camera"
+    yield "frames", f"{told.totals.frames}, {told.rates.frames:.1f} per second"
+    latency = "" if told.latency is None else f", {told.latency:.2f} s after the last frame"
+    yield (
+        "maps",
+        f"{told.totals.fused} of {told.totals.bursts} bursts, {told.rates.fused:.2f} per second{latency}, "
+        f"{told.backlog} waiting",
+    )
+    drops = [f"{count} {cause}" for cause, count in told.drops.model_dump().items() if count]
+    yield "dropped", ", ".join(drops) or "nothing"
+    yield "recording", _recording(told)
+    yield "error", told.error or "none"
+
+
+def _recording(told: "Status") -> str:
+    recorder = told.recorder
+    if recorder is None or recorder.file is None:
+        return "off"
+    free = "" if recorder.free is None else f", {recorder.free / 1e9:.1f} GB free"
+    kept = ", kept" if recorder.kept else ""
+    if recorder.error is not None:
+        return f"stopped: {recorder.error}"
+    doing = "on" if recorder.recording else "off, last"
+    return f"{doing}: {recorder.file}, {recorder.size / 1e6:.1f} MB{kept}{free}"

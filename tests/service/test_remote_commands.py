@@ -1,0 +1,131 @@
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from service.cli import app
+from service.fusion import FusedBurst
+from service.messages import fused_messages, points_message, status_message
+from service.publisher import Publisher
+from service.recorder import RecorderState
+from service.session import open_session
+from service.status import Drops, Rates, Status, Totals
+
+STATUS = Status(
+    timestamp=1_700_000_000_000_000_000,
+    version="0.1.0",
+    state="scanning",
+    source="simulation",
+    model="simulated SR3000",
+    serial=None,
+    uptime=12.0,
+    totals=Totals(frames=45, bursts=3, fused=2),
+    rates=Rates(frames=7.5, fused=0.5),
+    drops=Drops(camera=4, recorded=2),
+    backlog=1,
+    latency=0.42,
+    recorder=RecorderState(
+        recording=True,
+        file="a.mcap",
+        kept=True,
+        size=3_000_000,
+        messages=9,
+        dropped=2,
+        free=5_000_000_000,
+        error=None,
+    ),
+    error=None,
+)
+
+
+@pytest.fixture
+def service(endpoint: str, fused: Callable[[int], FusedBurst]) -> Iterator[str]:
+    """A service that has published one map and its status."""
+    with open_session([endpoint]) as session, Publisher(session) as publisher:
+        result = fused(6)
+        publisher.publish([*fused_messages(result), status_message(STATUS, STATUS.timestamp)])
+        publisher.publish_lazily("fused/points", lambda: points_message(result))
+        assert publisher.drain()
+        yield endpoint
+
+
+def run(*arguments: str) -> tuple[int, str, str]:
+    result = CliRunner().invoke(app, list(arguments))
+    return result.exit_code, result.stdout, result.stderr
+
+
+def test_status_says_what_matters(service: str) -> None:
+    code, out, _ = run("status", "--endpoint", service)
+    assert code == 0
+    for expected in (
+        "scanning for 12 s",
+        "simulation: simulated SR3000",
+        "45, 7.5 per second",
+        "2 of 3 bursts, 0.50 per second, 0.42 s after the last frame, 1 waiting",
+        "4 camera, 2 recorded",
+        "on: a.mcap, 3.0 MB, kept, 5.0 GB free",
+    ):
+        assert expected in out
+    assert Status.model_validate_json(run("status", "--endpoint", service, "--json")[1]) == STATUS
+
+
+def test_get_shows_and_saves_every_kind(
+    service: str, tmp_path: Path, fused: Callable[[int], FusedBurst]
+) -> None:
+    result = fused(6)
+    code, out, _ = run("get", "fused/depth", "--endpoint", service)
+    assert code == 0
+    assert "88 × 72 float32" in out
+    assert "fx 400, fy 400, cx 43.5, cy 35.5 pixels" in out
+    assert json.loads(run("get", "fused/report", "--endpoint", service)[1])["burst"] == 6
+    for name, topic in (("d.npy", "fused/depth"), ("d.npz", "fused/depth"), ("p.ply", "fused/points")):
+        code, out, err = run("get", topic, "--endpoint", service, "-o", str(tmp_path / name))
+        assert (code, err) == (0, "")
+        assert f"wrote {tmp_path / name}" in out
+    np.testing.assert_array_equal(np.load(tmp_path / "d.npy"), result.depth)
+    with np.load(tmp_path / "d.npz") as saved:
+        np.testing.assert_allclose(saved["intrinsics"], result.intrinsics)
+        assert saved["timestamp"] == result.frame.timestamp
+    header, _, data = (tmp_path / "p.ply").read_bytes().partition(b"end_header\n")
+    count = int(np.isfinite(result.depth).sum())
+    assert f"element vertex {count}\n".encode() in header
+    points = np.frombuffer(data, "<f4").reshape(count, 5)
+    np.testing.assert_allclose(points[:, 2], result.depth[np.isfinite(result.depth)], rtol=1e-6)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["d.npy", "d.npz", "p.ply"]
+
+
+def test_watch_prints_a_line_a_message(service: str) -> None:
+    code, out, _ = run("watch", "fused/depth", "--count", "1", "--endpoint", service)
+    assert code == 0
+    assert out.startswith("22:13:26.123 fused/depth 88 × 72 float32, ")
+    out = run("watch", "--json", "--count", "1", "--endpoint", service)[1]
+    assert json.loads(out)["burst"] == 6
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "expected"),
+    [
+        (("get", "fused/dept"), 1, "no topic is called 'fused/dept'"),
+        (("get", "fused/depth", "-o", "a.jpg"), 2, "expected one of .npy, .npz, .ply, .json"),
+        (("get", "fused/report", "-o", "a.npy"), 2, "neither image nor points"),
+        (("get", "fused/depth", "-o", "a.ply"), 2, "holds no points"),
+        (("get", "fused/depth", "-o", "/nowhere/a.npy"), 1, "cannot be written"),
+    ],
+)
+def test_what_cannot_be_done_is_one_clear_line(
+    service: str, arguments: tuple[str, ...], code: int, expected: str
+) -> None:
+    status, out, err = run(*arguments, "--endpoint", service)
+    assert (status, out) == (code, "")
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert expected in err
+
+
+def test_without_a_service_it_says_where_it_looked(endpoint: str) -> None:
+    status, _, err = run("status", "--endpoint", endpoint, "--timeout", "0.2")
+    assert status == 1
+    assert f"no service answered at {endpoint}" in err
