@@ -18,7 +18,7 @@ from service.errors import ConfigurationError
 PREFIX = "LIDARBOOST_"
 """`LIDARBOOST_FUSION__METHOD=area` overrides `method` in section `[fusion]` of the file."""
 
-_NOT_CONFIGURATION = frozenset({"LIDARBOOST_DEBUG"})
+_NOT_CONFIGURATION = frozenset({"LIDARBOOST_DEBUG", "LIDARBOOST_ENDPOINT"})
 
 
 class _Layers(BaseSettings, Configuration):
