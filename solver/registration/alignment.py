@@ -1,6 +1,6 @@
 """Hierarchical Lucas–Kanade, first against the reference, then all frames against their mosaic."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from solver.errors import FusionInputError, RegistrationError
 from solver.geometry import rotations_to_shifts, shifts_to_rotations
 from solver.registration.gauss_newton import POSITION_ERROR, Equations, normal_equations, solve_steps
-from solver.registration.mosaic import Mosaic, build_mosaic
+from solver.registration.mosaic import Grid, Mosaic, build_mosaic, steep_samples
 from solver.registration.motion import Motion, Shift, Turn
 from solver.registration.samples import Samples, Source, make_samples, pyramid
 from solver.registration.start import search_shifts
@@ -18,6 +18,18 @@ Float = NDArray[np.float64]
 FEWEST = 0.05  # share of valid pixels under which a frame cannot be placed
 OVERLAP = 0.3  # share of a frame's pixels that the other frames must cover
 STEP = 0.002  # pixels; a tenth of what matters for the fusion
+COARSE_STEP = 0.05  # pixels; the finer level goes on
+ALIASED = 0.2  # pixels; position error of a mosaic of one frame, whose edges alias
+STEEP = 1.5  # deviations per pixel; flatter places say little about a displacement
+STEEPEST = 0.3  # share of the mosaic that is looked at in any case
+DENSITY = (
+    2.118  # nodes per pixel: the footprint's first zero is at one cycle a pixel, the Nyquist limit of two
+)
+COARSE_STEP = 0.05  # pixels; the finer level goes on
+ALIASED = 0.2  # pixels; position error of a mosaic of one frame, whose edges alias
+DENSITY = (
+    2.118  # nodes per pixel: the footprint's first zero is at one cycle a pixel, the Nyquist limit of two
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,26 +164,33 @@ class _Work:
             self.rejected[int(k)] = what
 
     def align_with_reference(self) -> None:
-        """Search, then refine each frame against the reference alone; retry and reject what does not fit."""
+        """Search, then refine each frame against the reference alone; search anew where a guess was wrong."""
         self.parameters = self._searched(self.guided)
         equations = self._refine_pairwise()
-        if self.guided:
-            lost = self._misfits(equations)
-            if lost:
-                kept = self.parameters.copy()
-                self.parameters = self._searched(guided=False)
-                equations_again = self._refine_pairwise()
-                better = equations_again.misfit < equations.misfit
-                keep = ~(better & np.isin(np.arange(self.count), list(lost)))
-                self.parameters[keep] = kept[keep]
-                equations = self._equations_pairwise()
-        self._reject(self._misfits(equations))
+        misfits = self._misfits(equations)
+        if self.guided and misfits:
+            kept = self.parameters
+            self.parameters = self._searched(guided=False)
+            again = self._refine_pairwise()
+            better = np.zeros(self.count, dtype=bool)
+            better[list(misfits)] = again.misfit[list(misfits)] < equations.misfit[list(misfits)]
+            self.parameters = np.where(better[:, None], self.parameters, kept)
+            misfits = {k: why for k, why in misfits.items() if not better[k]}
+        self._reject(misfits)
 
     def align_together(self) -> None:
         """Refine all frames against their common mosaic, coarse to fine; reject what still does not fit."""
         for _ in range(3):  # rejecting a frame changes the mosaic, so the rest is refined again
-            for samples in self.levels[:2][::-1]:
-                equations = self._refine_jointly(samples, most=8 if samples.level == 0 else 2)
+            samples = self.levels[0]
+            if len(self.levels) > 1:
+                pooled = self.levels[1]
+                _, mosaic = self._refine_jointly(pooled, most=2)
+                near = self._positions(samples) * np.float32(0.5) - np.float32(
+                    0.25
+                )  # full-resolution pixels on the pooled grid
+                steep = steep_samples(mosaic, near, slope=2 * STEEP, most=STEEPEST)
+                samples = replace(samples, weights=samples.weights * steep)
+            equations, _ = self._refine_jointly(samples, most=8)
             misfits = self._misfits(equations)
             if not misfits:
                 return
@@ -188,7 +207,7 @@ class _Work:
             centre = rotations_to_shifts(self.guess, shape, turn.intrinsics, turn.lens)
         if not guided:
             centre = np.zeros_like(centre)
-        radius = (1, 1) if guided else (height // 3, width // 3)
+        radius = (1, 1) if guided else (max(1, height // 4), max(1, width // 4))
         found = search_shifts(coarse, self.reference, centre, radius)
         if turn is None:
             return np.column_stack([found, np.zeros(self.count)])
@@ -197,45 +216,42 @@ class _Work:
         start[moved] = shifts_to_rotations(found[moved], shape, turn.intrinsics, turn.lens)
         return start
 
-    def _only_reference(self, samples: Samples) -> NDArray[np.float32]:
-        weights = np.zeros_like(samples.weights)
-        weights[self.reference] = samples.weights[self.reference]
-        return weights
-
     def _refine_pairwise(self) -> Equations:
+        """Against the reference alone, on the pooled levels."""
         for samples in self.levels[:0:-1] or self.levels:
+            mosaic = self._reference_mosaic(samples)
             for _ in range(4):
-                equations = self._equations_pairwise(samples)
-                self._step(equations, hold_reference=True)
-        return self._equations_pairwise()
+                equations = self._equations(samples, mosaic, ALIASED)
+                if self._step(equations, hold_reference=True) < COARSE_STEP:
+                    break
+        return self._equations(samples, mosaic, ALIASED)
 
-    def _equations_pairwise(self, samples: Samples | None = None) -> Equations:
-        samples = samples or (self.levels[1] if len(self.levels) > 1 else self.levels[0])
-        positions = self._positions(samples)
-        mosaic = build_mosaic(
-            samples.values,
-            self._only_reference(samples),
-            positions,
-            grid=1,
-            smoothing=0.3,
-            start=None,
-            sweeps=8,
+    def _reference_mosaic(self, samples: Samples) -> Mosaic:
+        one = slice(self.reference, self.reference + 1)
+        positions = self.motion.positions(np.zeros((1, 3)), samples.shape, samples.level)
+        grid = Grid.over(positions, density=1)
+        return build_mosaic(
+            samples.values[:, one], samples.weights[one], positions, grid, smoothing=0.3, sweeps=8
         )
-        # One frame aliases: its edges are uncertain by a good part of a pixel.
-        return normal_equations(samples, positions, mosaic, self.motion, 4 * POSITION_ERROR)
 
-    def _refine_jointly(self, samples: Samples, most: int) -> Equations:
+    def _refine_jointly(self, samples: Samples, most: int) -> tuple[Equations, Mosaic]:
+        """Against the mosaic of all frames that are not rejected."""
         weights = samples.weights * self.active[:, None, None]
+        positions = self._positions(samples)
+        grid = Grid.over(positions[self.active], DENSITY)
         mosaic: Mosaic | None = None
-        for _ in range(most):
-            positions = self._positions(samples)
+        while True:
             mosaic = build_mosaic(
-                samples.values, weights, positions, grid=2.118, smoothing=3.0, start=mosaic, sweeps=12
+                samples.values, weights, positions, grid, smoothing=3.0, sweeps=12, start=mosaic
             )
             equations = normal_equations(samples, positions, mosaic, self.motion, POSITION_ERROR)
-            if self._step(equations, hold_reference=False) < STEP:
-                break
-        return equations
+            most -= 1
+            if self._step(equations, hold_reference=False) < STEP or most == 0:
+                return equations, mosaic
+            positions = self._positions(samples)
+
+    def _equations(self, samples: Samples, mosaic: Mosaic, position_error: float) -> Equations:
+        return normal_equations(samples, self._positions(samples), mosaic, self.motion, position_error)
 
     def _positions(self, samples: Samples) -> NDArray[np.float32]:
         return self.motion.positions(self.parameters, samples.shape, samples.level)

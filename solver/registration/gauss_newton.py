@@ -41,8 +41,7 @@ def normal_equations(
     of strong edges decides. Slopes are central differences: the cells' own would lean towards one node, and a
     frame whose pixels all sit alike on the grid, as the reference's do, would be pulled along.
     """
-    covered = 0.02 * float(np.median(mosaic.support[mosaic.support > 0]))
-    down, right = np.gradient(mosaic.values, 1 / mosaic.grid, axis=(1, 2))
+    down, right = np.gradient(mosaic.values, 1 / mosaic.grid.density, axis=(1, 2))
     sums = _normal_equations(
         samples.values,
         samples.weights,
@@ -50,10 +49,10 @@ def normal_equations(
         mosaic.values,
         down,
         right,
-        mosaic.support > covered,
-        np.array(mosaic.origin),
-        mosaic.grid,
-        motion.camera(samples.level),
+        mosaic.covered,
+        np.array(mosaic.grid.origin, dtype=np.float32),
+        mosaic.grid.density,
+        motion.camera(samples.level).astype(np.float32),
         motion.rotational,
         position_error,
     )
@@ -73,16 +72,16 @@ def normal_equations(
 
 @numba.njit(cache=True, parallel=True, fastmath=True)
 def _normal_equations(  # type: ignore[no-untyped-def]
-    values, weights, positions, U, Uy, Ux, covered, origin, grid, camera, rotational, position_error
+    values, weights, positions, U, Uy, Ux, covered, origin, density, camera, rotational, position_error
 ):
     channels, count, height, width = values.shape
     rows, columns = U.shape[1:]
     sums = np.zeros((count, 14))
-    fy, fx, cy, cx = camera
+    scale, one = np.float32(density), np.float32(1.0)
+    blur2, weak2 = np.float32(position_error * position_error), np.float32(WEAK * WEAK)
+    fy, fx, cy, cx = camera[0], camera[1], camera[2], camera[3]
     for k in numba.prange(count):
         total = np.zeros(14)
-        jacobian = np.zeros(3)
-        gy, gx, residual = np.zeros(channels), np.zeros(channels), np.zeros(channels)
         for i in range(height):
             for j in range(width):
                 w = weights[k, i, j]
@@ -90,48 +89,56 @@ def _normal_equations(  # type: ignore[no-untyped-def]
                     continue
                 total[9] += 1.0
                 row, column = positions[k, i, j, 0], positions[k, i, j, 1]
-                r, c = (row - origin[0]) * grid, (column - origin[1]) * grid
+                r, c = (row - origin[0]) * scale, (column - origin[1]) * scale
                 if not (r >= 0.0 and c >= 0.0 and r < rows - 1 and c < columns - 1):
                     continue
                 m, n = int(r), int(c)
                 if not (covered[m, n] and covered[m + 1, n] and covered[m, n + 1] and covered[m + 1, n + 1]):
                     continue
-                a, d = r - m, c - n
-                w00, w01, w10, w11 = (1 - a) * (1 - d), (1 - a) * d, a * (1 - d), a * d
-                slope, square = 0.0, 0.0
+                a, d = r - np.float32(m), c - np.float32(n)
+                w00, w01, w10, w11 = (one - a) * (one - d), (one - a) * d, a * (one - d), a * d
+                yy = yx = xx = yr = xr = square = np.float32(0.0)
                 for h in range(channels):
                     V, Vy, Vx = U[h], Uy[h], Ux[h]
                     u = w00 * V[m, n] + w01 * V[m, n + 1] + w10 * V[m + 1, n] + w11 * V[m + 1, n + 1]
-                    gy[h] = w00 * Vy[m, n] + w01 * Vy[m, n + 1] + w10 * Vy[m + 1, n] + w11 * Vy[m + 1, n + 1]
-                    gx[h] = w00 * Vx[m, n] + w01 * Vx[m, n + 1] + w10 * Vx[m + 1, n] + w11 * Vx[m + 1, n + 1]
-                    residual[h] = values[h, k, i, j] - u
-                    slope += gy[h] * gy[h] + gx[h] * gx[h]
-                    square += residual[h] * residual[h]
-                variance = 1.0 / w + position_error * position_error * slope
+                    gy = w00 * Vy[m, n] + w01 * Vy[m, n + 1] + w10 * Vy[m + 1, n] + w11 * Vy[m + 1, n + 1]
+                    gx = w00 * Vx[m, n] + w01 * Vx[m, n + 1] + w10 * Vx[m + 1, n] + w11 * Vx[m + 1, n + 1]
+                    residual = values[h, k, i, j] - u
+                    yy += gy * gy
+                    yx += gy * gx
+                    xx += gx * gx
+                    yr += gy * residual
+                    xr += gx * residual
+                    square += residual * residual
+                slope = yy + xx
+                variance = one / w + blur2 * slope
                 deviations = np.sqrt(square / variance)
-                trust = slope / (slope + WEAK * WEAK / w)
+                trust = slope / (slope + weak2 / w)
                 weight = trust / variance
                 if deviations > HUBER:
-                    weight *= HUBER / deviations
-                x, y = (column - cx) / fx, (row - cy) / fy
-                for h in range(channels):
-                    if rotational:
-                        jacobian[0] = -gx[h] * fx * x * y - gy[h] * fy * (1 + y * y)
-                        jacobian[1] = gx[h] * fx * (1 + x * x) + gy[h] * fy * x * y
-                        jacobian[2] = -gx[h] * fx * y + gy[h] * fy * x
-                    else:
-                        jacobian[0] = gy[h] * fy
-                        jacobian[1] = gx[h] * fx
-                    p = 0
-                    for s in range(3):
-                        for t in range(s, 3):
-                            total[p] += weight * jacobian[s] * jacobian[t]
-                            p += 1
-                        total[6 + s] += weight * jacobian[s] * residual[h]
+                    weight *= np.float32(HUBER) / deviations
+                cut = min(deviations, np.float32(4.0))
                 total[10] += 1.0
-                total[11] += min(deviations, 4.0)
+                total[11] += cut
                 total[12] += trust
-                total[13] += trust * min(deviations, 4.0)
+                total[13] += trust * cut
+                if rotational:
+                    # Derivatives of the position by a small turn about x, y and z, the lens left out.
+                    x, y = (column - cx) / fx, (row - cy) / fy
+                    y0, y1, y2 = -fy * (one + y * y), fy * x * y, fy * x
+                    x0, x1, x2 = -fx * x * y, fx * (one + x * x), -fx * y
+                else:
+                    y0, y1, y2 = fy, np.float32(0.0), np.float32(0.0)
+                    x0, x1, x2 = np.float32(0.0), fx, np.float32(0.0)
+                total[0] += weight * (yy * y0 * y0 + 2 * yx * y0 * x0 + xx * x0 * x0)
+                total[1] += weight * (yy * y0 * y1 + yx * (y0 * x1 + y1 * x0) + xx * x0 * x1)
+                total[2] += weight * (yy * y0 * y2 + yx * (y0 * x2 + y2 * x0) + xx * x0 * x2)
+                total[3] += weight * (yy * y1 * y1 + 2 * yx * y1 * x1 + xx * x1 * x1)
+                total[4] += weight * (yy * y1 * y2 + yx * (y1 * x2 + y2 * x1) + xx * x1 * x2)
+                total[5] += weight * (yy * y2 * y2 + 2 * yx * y2 * x2 + xx * x2 * x2)
+                total[6] += weight * (yr * y0 + xr * x0)
+                total[7] += weight * (yr * y1 + xr * x1)
+                total[8] += weight * (yr * y2 + xr * x2)
         sums[k] = total
     return sums
 

@@ -1,7 +1,7 @@
 """The map that frames are registered against: all of them, fused on a grid somewhat finer than a pixel.
 
 Each frame is a set of point samples of one continuous image, the scene blurred by the pixel's footprint. That
-image is written as U, bilinear on a grid of a few nodes per pixel, and found from all samples by
+image is written as U, bilinear on a grid of about two nodes per pixel, and found from all samples by
 
     min_U  Σ_s w_s (y_s − U(p_s))²  +  λ Σ √(|∇U|² + ε²),        w = 1 / σ²
 
@@ -19,58 +19,105 @@ import numpy as np
 from numpy.typing import NDArray
 
 Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+EPSILON = 0.3  # of a deviation between nodes: where the prior turns from quadratic to absolute
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """Nodes: `density` per pixel, the first one at `origin` (row, column) in pixels of the reference.
+
+    A whole number of nodes per pixel would put all pixels of the reference, and of every shifted frame, at
+    the same place between nodes, where the interpolation error has the same sign; a fraction lets it average
+    out.
+    """
+
+    origin: tuple[float, float]
+    size: tuple[int, int]
+    density: float
+
+    @classmethod
+    def over(cls, positions: Image, density: float) -> "Grid":
+        """The grid that holds positions (N, H, W, 2), but at most one image beyond the reference."""
+        shape = np.array(positions.shape[1:3])
+        border = np.concatenate(
+            [
+                positions[:, [0, -1]].reshape(-1, 2),
+                positions[:, :, [0, -1]].reshape(-1, 2),
+            ]
+        )
+        low = np.maximum(np.floor(np.nanmin(border, axis=0)), -shape) - 1
+        high = np.minimum(np.ceil(np.nanmax(border, axis=0)), 2 * shape) + 1
+        rows, columns = np.ceil((high - low) * density).astype(int) + 1
+        return cls((float(low[0]), float(low[1])), (int(rows), int(columns)), density)
+
+
+@dataclass(frozen=True, slots=True)
 class Mosaic:
-    """U, how much data each node saw, and the place of the first node in pixels of the reference."""
+    """U (C, rows, columns) and where it rests on data."""
 
     values: Image
-    support: Image
-    origin: tuple[float, float]
-    grid: float
+    covered: Mask
+    grid: Grid
 
 
 def build_mosaic(
     values: Image,
     weights: Image,
     positions: Image,
+    grid: Grid,
     *,
-    grid: float,
     smoothing: float,
-    start: Mosaic | None,
     sweeps: int,
+    start: Mosaic | None = None,
 ) -> Mosaic:
-    """U (C, rows, columns) from samples (C, N, H, W), weights 1/σ² (N, H, W), at positions (N, H, W, 2).
+    """U from samples (C, N, H, W), weights 1/σ² (N, H, W) of typically one, at positions (N, H, W, 2).
 
     Args:
-        grid: nodes per pixel.
         smoothing: λ in units of 1/σ, σ the typical deviation of a sample.
-        start: an earlier mosaic to start from, used where its grid is the same.
         sweeps: conjugate-gradient steps per reweighting.
+        start: an earlier mosaic on the same grid.
     """
-    origin, size = _grid(positions, weights, grid)
-    grid = float(grid)
-    stencil, right = _accumulate(values, weights, positions, origin[0], origin[1], grid, size[0], size[1])
-    known = weights > 0
-    scale = float(np.sqrt(weights[known].mean())) if known.any() else 1.0  # 1/σ of a typical sample
-    if start is not None and start.values.shape[1:] == size and start.origin == origin:
-        image, passes = start.values, 1
-    else:
-        image, passes = _weighted_mean(stencil, right), 2
-    for _ in range(passes):
-        stiff = _stiffened(stencil, image, smoothing * scale, 0.3 / (scale * grid))
-        image = _conjugate_gradients(stiff, right, image, sweeps)
-    return Mosaic(image, stencil[0], origin, grid)
+    stencil, right = _accumulate(values, weights, positions, *grid.origin, grid.density, *grid.size)
+    image = _weighted_mean(stencil, right) if start is None else start.values.copy()
+    for _ in range(2 if start is None else 1):
+        stiff = _stiffened(stencil, image, smoothing, EPSILON / grid.density)
+        _conjugate_gradients(stiff, right, image, sweeps)
+    mass = cv2.blur(stencil[0], (3, 3))
+    seen = mass[mass > 0]
+    covered = mass > (0.1 * float(np.median(seen)) if seen.size else 0.0)
+    return Mosaic(image, covered, grid)
 
 
-def _grid(positions: Image, weights: Image, grid: float) -> tuple[tuple[float, float], tuple[int, int]]:
-    """Origin and size of the grid that holds all used samples, with a pixel to spare."""
-    used = positions[weights > 0]
-    low = np.floor(used.min(axis=0).astype(np.float64)) - 1
-    high = np.ceil(used.max(axis=0).astype(np.float64)) + 1
-    rows, columns = ((high - low) * grid + 1).astype(int)
-    return (float(low[0]), float(low[1])), (int(rows), int(columns))
+def steep_samples(mosaic: Mosaic, positions: Image, slope: float, most: float) -> Mask:
+    """Samples (N, H, W) within two nodes of a place where |∇U| exceeds `slope` per pixel.
+
+    Elsewhere a displacement changes nothing, so registration need not look. Where less than `most` of the
+    mosaic is that steep, the steepest part of that size is taken.
+    """
+    down, right = np.gradient(mosaic.values, 1 / mosaic.grid.density, axis=(1, 2))
+    square = (down * down + right * right).sum(axis=0)
+    square[~mosaic.covered] = 0
+    limit = min(slope * slope, float(np.quantile(square[mosaic.covered][::7], 1 - most)))
+    steep = cv2.dilate((square > limit).astype(np.uint8), np.ones((5, 5), np.uint8))
+    found: Mask = _lookup(steep, positions, *mosaic.grid.origin, mosaic.grid.density)
+    return found
+
+
+@numba.njit(cache=True, parallel=True)
+def _lookup(image, positions, row0, column0, density):  # type: ignore[no-untyped-def]
+    count, height, width = positions.shape[:3]
+    rows, columns = image.shape
+    found = np.zeros((count, height, width), dtype=np.bool_)
+    for item in numba.prange(count * height):
+        k, i = item // height, item % height
+        for j in range(width):
+            r = (positions[k, i, j, 0] - row0) * density + 0.5
+            c = (positions[k, i, j, 1] - column0) * density + 0.5
+            if r >= 0.0 and c >= 0.0 and r < rows and c < columns:
+                found[k, i, j] = image[int(r), int(c)] != 0
+    return found
 
 
 def _weighted_mean(stencil: Image, right: Image) -> Image:
@@ -80,65 +127,25 @@ def _weighted_mean(stencil: Image, right: Image) -> Image:
     enough = 1e-3 * float(bottom.mean())
     result = np.zeros_like(right)
     known = np.zeros(bottom.shape, dtype=bool)
-    for _ in range(5):
+    for _ in range(4):
         top = np.stack([cv2.GaussianBlur(channel, (0, 0), 1.5) for channel in top])
         bottom = np.asarray(cv2.GaussianBlur(bottom, (0, 0), 1.5), np.float32)
         fresh = ~known & (bottom > enough)
-        result[:, fresh] = top[:, fresh] / bottom[fresh]
+        np.divide(top, bottom, out=result, where=fresh)
         known |= fresh
-    result[:, ~known] = result[:, known].mean(axis=1, keepdims=True)
+        if known.all():
+            return result
+    result[:, ~known] = result[:, known].mean(axis=1, keepdims=True) if known.any() else 0
     return result
-
-
-def _stiffened(stencil: Image, image: Image, strength: float, epsilon: float) -> Image:
-    """The stencil plus the prior's, reweighted at the current image."""
-    size = np.zeros_like(image[0])
-    down, right = np.diff(image, axis=1), np.diff(image, axis=2)
-    size[:-1] += (down * down).sum(axis=0)
-    size[:, :-1] += (right * right).sum(axis=0)
-    size = np.asarray(cv2.GaussianBlur(size, (3, 3), 0.7), np.float32)
-    stiffness = (strength / np.sqrt(size + epsilon * epsilon)).astype(np.float32)
-    across = 0.5 * (stiffness[:, :-1] + stiffness[:, 1:])
-    along = 0.5 * (stiffness[:-1] + stiffness[1:])
-    result = stencil.copy()
-    result[1, :, :-1] -= across
-    result[2, :-1] -= along
-    result[0, :, :-1] += across
-    result[0, :, 1:] += across
-    result[0, :-1] += along
-    result[0, 1:] += along
-    return result
-
-
-def _conjugate_gradients(stencil: Image, right: Image, start: Image, steps: int) -> Image:
-    x = start.copy()
-    inverse: Image = np.reciprocal(stencil[0])
-    product = np.empty_like(x)
-    _apply(stencil, x, product)
-    residual = right - product
-    z = inverse * residual
-    direction = z.copy()
-    energy = float(np.vdot(residual, z))
-    for _ in range(steps):
-        if not energy > 0:
-            break
-        _apply(stencil, direction, product)
-        step = np.float32(energy / float(np.vdot(direction, product)))
-        x += step * direction
-        residual -= step * product
-        np.multiply(inverse, residual, out=z)
-        previous, energy = energy, float(np.vdot(residual, z))
-        direction *= np.float32(energy / previous)
-        direction += z
-    return x
 
 
 @numba.njit(cache=True, parallel=True, fastmath=True)
-def _accumulate(values, weights, positions, row0, column0, grid, rows, columns):  # type: ignore[no-untyped-def]
+def _accumulate(values, weights, positions, row0, column0, density, rows, columns):  # type: ignore[no-untyped-def]
     channels, count, height, width = values.shape
     parts = 2  # fixed, so that the sums do not depend on the number of threads
     stencil = np.zeros((parts, 5, rows, columns), dtype=np.float32)
     right = np.zeros((parts, channels, rows, columns), dtype=np.float32)
+    top, left, scale, one = np.float32(row0), np.float32(column0), np.float32(density), np.float32(1.0)
     for part in numba.prange(parts):
         S, b = stencil[part], right[part]
         for k in range(part, count, parts):
@@ -147,11 +154,12 @@ def _accumulate(values, weights, positions, row0, column0, grid, rows, columns):
                     w = weights[k, i, j]
                     if w <= 0.0:
                         continue
-                    r = (positions[k, i, j, 0] - np.float32(row0)) * np.float32(grid)
-                    c = (positions[k, i, j, 1] - np.float32(column0)) * np.float32(grid)
+                    r = (positions[k, i, j, 0] - top) * scale
+                    c = (positions[k, i, j, 1] - left) * scale
+                    if not (r >= 0.0 and c >= 0.0 and r < rows - 1 and c < columns - 1):
+                        continue
                     m, n = int(r), int(c)
-                    a, d = np.float32(r - m), np.float32(c - n)
-                    one = np.float32(1.0)
+                    a, d = r - np.float32(m), c - np.float32(n)
                     w00, w01 = (one - a) * (one - d), (one - a) * d
                     w10, w11 = a * (one - d), a * d
                     for h in range(channels):
@@ -174,26 +182,143 @@ def _accumulate(values, weights, positions, row0, column0, grid, rows, columns):
 
 
 @numba.njit(cache=True, parallel=True, fastmath=True)
-def _apply(S, images, products):  # type: ignore[no-untyped-def]
-    channels, rows, columns = images.shape
-    for item in numba.prange(channels * rows):
-        x, out, i = images[item // rows], products[item // rows], item % rows
+def _stiffened(stencil, image, strength, epsilon):  # type: ignore[no-untyped-def]
+    """The stencil plus the prior's, reweighted at the image: stiffness λ / √(|∇U|² + ε²), a mean of 3 × 3."""
+    channels, rows, columns = image.shape
+    size = np.zeros((rows, columns), dtype=np.float32)
+    for i in numba.prange(rows - 1):
+        for j in range(columns - 1):
+            square = np.float32(0.0)
+            for h in range(channels):
+                down = image[h, i + 1, j] - image[h, i, j]
+                right = image[h, i, j + 1] - image[h, i, j]
+                square += down * down + right * right
+            size[i, j] = square
+    stiffness = np.empty((rows, columns), dtype=np.float32)
+    lam, floor = np.float32(strength), np.float32(epsilon * epsilon)
+    for i in numba.prange(rows):
+        up, low = max(i - 1, 0), min(i + 1, rows - 1)
         for j in range(columns):
-            value = S[0, i, j] * x[i, j]
+            before, after = max(j - 1, 0), min(j + 1, columns - 1)
+            total = size[i, j] + size[i, before] + size[i, after]
+            total += size[up, j] + size[up, before] + size[up, after]
+            total += size[low, j] + size[low, before] + size[low, after]
+            stiffness[i, j] = lam / np.sqrt(total / np.float32(9.0) + floor)
+    result = stencil.copy()
+    half = np.float32(0.5)
+    for i in numba.prange(rows):
+        for j in range(columns):
+            own = stiffness[i, j]
             if j + 1 < columns:
-                value += S[1, i, j] * x[i, j + 1]
+                across = half * (own + stiffness[i, j + 1])
+                result[1, i, j] -= across
+                result[0, i, j] += across
             if j > 0:
-                value += S[1, i, j - 1] * x[i, j - 1]
+                result[0, i, j] += half * (own + stiffness[i, j - 1])
             if i + 1 < rows:
-                value += S[2, i, j] * x[i + 1, j]
-                if j + 1 < columns:
-                    value += S[3, i, j] * x[i + 1, j + 1]
-                if j > 0:
-                    value += S[4, i, j] * x[i + 1, j - 1]
+                along = half * (own + stiffness[i + 1, j])
+                result[2, i, j] -= along
+                result[0, i, j] += along
             if i > 0:
-                value += S[2, i - 1, j] * x[i - 1, j]
-                if j > 0:
-                    value += S[3, i - 1, j - 1] * x[i - 1, j - 1]
-                if j + 1 < columns:
-                    value += S[4, i - 1, j + 1] * x[i - 1, j + 1]
-            out[i, j] = value
+                result[0, i, j] += half * (own + stiffness[i - 1, j])
+    return result
+
+
+def _conjugate_gradients(stencil: Image, right: Image, image: Image, steps: int) -> None:
+    """Improve `image` in place; preconditioned by the diagonal."""
+    direction = np.zeros_like(image)
+    residual = np.empty_like(image)
+    _multiply(stencil, image, residual)
+    np.subtract(right, residual, out=residual)
+    product = np.empty_like(image)
+    energy, ratio = float(_energy(stencil[0], residual)), 0.0
+    for _ in range(steps):
+        if not energy > 0:
+            return
+        _turn(stencil[0], residual, direction, ratio)
+        step = energy / _multiply(stencil, direction, product)
+        fresh = float(_advance(stencil[0], image, residual, direction, product, step))
+        ratio, energy = fresh / energy, fresh
+
+
+@numba.njit(cache=True, parallel=True, fastmath=True)
+def _multiply(S, images, products):  # type: ignore[no-untyped-def]
+    """products = stencil · images; returns ⟨images, products⟩."""
+    channels, rows, columns = images.shape
+    total = 0.0
+    for i in numba.prange(rows):
+        zero = np.zeros(columns, dtype=np.float32)
+        up, low = max(i - 1, 0), min(i + 1, rows - 1)
+        centre, east, south, southeast, southwest = S[0, i], S[1, i], S[2, i], S[3, i], S[4, i]
+        north = S[2, up] if i > 0 else zero
+        northwest = S[3, up] if i > 0 else zero
+        northeast = S[4, up] if i > 0 else zero
+        for h in range(channels):
+            x, above, below, out = images[h, i], images[h, up], images[h, low], products[h, i]
+            dot = np.float32(0.0)
+            last = columns - 1
+            # Views instead of j - 1 and j + 1, which would need a check for wrapping and stop vectorisation.
+            x_w, x_c, x_e, out_c = x[:-2], x[1:-1], x[2:], out[1:-1]
+            a_w, a_c, a_e, b_w, b_c, b_e = (
+                above[:-2],
+                above[1:-1],
+                above[2:],
+                below[:-2],
+                below[1:-1],
+                below[2:],
+            )
+            k_c, k_e, k_w, k_s, k_n = centre[1:-1], east[1:-1], east[:-2], south[1:-1], north[1:-1]
+            k_se, k_sw, k_nw, k_ne = southeast[1:-1], southwest[1:-1], northwest[:-2], northeast[2:]
+            for j in range(columns - 2):
+                value = k_c[j] * x_c[j] + k_e[j] * x_e[j] + k_w[j] * x_w[j]
+                value += k_s[j] * b_c[j] + k_se[j] * b_e[j] + k_sw[j] * b_w[j]
+                value += k_n[j] * a_c[j] + k_nw[j] * a_w[j] + k_ne[j] * a_e[j]
+                out_c[j] = value
+                dot += value * x_c[j]
+            out[0] = centre[0] * x[0] + east[0] * x[1] + south[0] * below[0] + southeast[0] * below[1]
+            out[0] += north[0] * above[0] + northeast[1] * above[1]
+            out[last] = centre[last] * x[last] + east[last - 1] * x[last - 1]
+            out[last] += south[last] * below[last] + southwest[last] * below[last - 1]
+            out[last] += north[last] * above[last] + northwest[last - 1] * above[last - 1]
+            total += dot + out[0] * x[0] + out[last] * x[last]
+    return total
+
+
+@numba.njit(cache=True, parallel=True, fastmath=True)
+def _energy(diagonal, residual):  # type: ignore[no-untyped-def]
+    channels, rows, columns = residual.shape
+    total = 0.0
+    for i in numba.prange(rows):
+        dot = np.float32(0.0)
+        for h in range(channels):
+            for j in range(columns):
+                dot += residual[h, i, j] * residual[h, i, j] / diagonal[i, j]
+        total += dot
+    return total
+
+
+@numba.njit(cache=True, parallel=True, fastmath=True)
+def _turn(diagonal, residual, direction, ratio):  # type: ignore[no-untyped-def]
+    channels, rows, columns = residual.shape
+    keep = np.float32(ratio)
+    for i in numba.prange(rows):
+        for h in range(channels):
+            for j in range(columns):
+                direction[h, i, j] = residual[h, i, j] / diagonal[i, j] + keep * direction[h, i, j]
+
+
+@numba.njit(cache=True, parallel=True, fastmath=True)
+def _advance(diagonal, image, residual, direction, product, step):  # type: ignore[no-untyped-def]
+    channels, rows, columns = residual.shape
+    length = np.float32(step)
+    total = 0.0
+    for i in numba.prange(rows):
+        dot = np.float32(0.0)
+        for h in range(channels):
+            for j in range(columns):
+                image[h, i, j] += length * direction[h, i, j]
+                left = residual[h, i, j] - length * product[h, i, j]
+                residual[h, i, j] = left
+                dot += left * left / diagonal[i, j]
+        total += dot
+    return total

@@ -30,15 +30,21 @@ class Samples:
 
     def pooled(self) -> "Samples":
         """Weighted 2 × 2 means; an odd last row or column is left out."""
-        channels, count, height, width = self.values.shape
-        rows, columns = height // 2, width // 2
-        values = self.values[..., : rows * 2, : columns * 2].reshape(channels, count, rows, 2, columns, 2)
-        weights = self.weights[:, : rows * 2, : columns * 2].reshape(count, rows, 2, columns, 2)
-        total = weights.sum(axis=(2, 4))
-        mean = (values * weights).sum(axis=(3, 5)) / np.where(total > 0, total, 1)
+        weighted = self.values * self.weights
+        total = _quads(self.weights)
+        mean = _quads(weighted) / np.where(total > 0, total, np.float32(1))
         # A block that is mostly missing would be a sample at another place.
-        total[(weights > 0).sum(axis=(2, 4)) < 3] = 0
+        total[_quads(self.weights > 0) < 3] = 0
         return Samples(mean, total, self.level + 1)
+
+
+def _quads(images: NDArray[np.generic]) -> Image:
+    """Sums over 2 × 2 pixels of the last two axes."""
+    even = images[..., : images.shape[-2] // 2 * 2, : images.shape[-1] // 2 * 2].astype(
+        np.float32, copy=False
+    )
+    rows = even[..., ::2, :] + even[..., 1::2, :]
+    return rows[..., ::2] + rows[..., 1::2]
 
 
 def pyramid(samples: Samples) -> list[Samples]:
@@ -81,14 +87,15 @@ def make_samples(
 
 
 def _both_without_range(light: Image, offset: Image, valid: NDArray[np.bool_]) -> Samples:
-    moment = light * offset
-    even = np.ones_like(light)
-    # The moment is scaled to the amplitude's noise, or to its range where there is no noise.
-    noise = [
-        np.sqrt(_noise_variance(image[None], valid, even)) + FLOOR * _spread(image[None], valid)
-        for image in (light, moment)
-    ]
-    moment *= np.float32(noise[0] / noise[1]) if noise[1] > 0 else np.float32(0)
+    moment, even = light * offset, np.ones_like(light)
+    scales = []
+    for image in (
+        light,
+        moment,
+    ):  # the moment is brought to the amplitude's noise, or range where it has none
+        some = _Statistics.of(image[None], valid, even)
+        scales.append(0.0 if some is None else np.sqrt(some.noise) + FLOOR * some.spread)
+    moment *= np.float32(scales[0] / scales[1]) if scales[1] > 0 else np.float32(0)
     return _weighted(np.stack([light, moment]), valid, even)
 
 
@@ -104,34 +111,48 @@ def _distance_samples(distance: Image, amplitude: Image | None, valid: NDArray[n
 
 def _weighted(values: Image, valid: NDArray[np.bool_], relative: Image) -> Samples:
     """Samples with σ ∝ `relative`, scaled to a typical weight of one: the unit of the values drops out."""
-    if not valid.any():
+    some = _Statistics.of(values, valid, relative)
+    if some is None:
         return Samples(np.zeros_like(values), np.zeros_like(relative), 0)
-    variance = _noise_variance(values, valid, relative) * relative * relative
-    floor = FLOOR * _spread(values, valid)
-    weights = np.where(valid, 1 / (variance + np.float32(floor * floor + 1e-30)), 0)
-    typical = float(np.median(weights[valid]))
-    offset = np.median(values[:, valid], axis=1)[:, None, None, None]
-    scaled = (values - offset) * np.float32(np.sqrt(typical))
-    return Samples(scaled.astype(np.float32), (weights / np.float32(typical)).astype(np.float32), 0)
+    variance = some.noise * relative * relative + np.float32((FLOOR * some.spread) ** 2 + 1e-30)
+    typical = some.noise * some.relative**2 + (FLOOR * some.spread) ** 2 + 1e-30
+    weights = np.where(valid, np.float32(typical) / variance, 0)
+    scaled = (values - some.middle[:, None, None, None]) * np.float32(1 / np.sqrt(typical))
+    return Samples(scaled, weights, 0)
 
 
-def _noise_variance(values: Image, valid: NDArray[np.bool_], relative: Image) -> float:
-    """c² in σ = c · relative, from second differences along rows.
+@dataclass(frozen=True, slots=True)
+class _Statistics:
+    """Of about thirty rows of every frame, which is plenty: noise c² in σ = c · relative, range, medians."""
 
-    They vanish on slopes, and their median ignores edges.
-    """
-    if values.shape[-1] < 3:
-        return 0.0
+    noise: float
+    spread: float
+    middle: NDArray[np.float32]
+    relative: float
+
+    @classmethod
+    def of(cls, values: Image, valid: NDArray[np.bool_], relative: Image) -> "_Statistics | None":
+        rows = slice(None, None, max(1, values.shape[2] // 32))
+        kept, some, factor = values[:, :, rows], valid[:, rows], relative[:, rows]
+        if not some.any():
+            kept, some, factor = values, valid, relative
+        if not some.any():
+            return None
+        used = kept[:, some]
+        low, middle, high = np.percentile(used, (2, 50, 98), axis=1)
+        spread = float(np.sqrt(((high - low) ** 2).sum()))
+        return cls(
+            _noise(kept, some, factor), spread, middle.astype(np.float32), float(np.median(factor[some]))
+        )
+
+
+def _noise(values: Image, valid: NDArray[np.bool_], relative: Image) -> float:
+    """c² from second differences along rows: they vanish on slopes, and their median ignores edges."""
     usable = valid[..., :-2] & valid[..., 1:-1] & valid[..., 2:]
-    if not usable.any():
+    if values.shape[-1] < 3 or not usable.any():
         return 0.0
     bend = values[..., :-2] - 2 * values[..., 1:-1] + values[..., 2:]
     r2 = relative * relative
     size = np.sqrt(r2[..., :-2] + 4 * r2[..., 1:-1] + r2[..., 2:])
     ratio = np.abs(bend[:, usable]) / size[usable]
     return float(np.median(ratio) / 0.6745) ** 2  # the median of |normal| is 0.6745 σ
-
-
-def _spread(values: Image, valid: NDArray[np.bool_]) -> float:
-    low, high = np.percentile(values[:, valid], (2, 98), axis=1)
-    return float(np.sqrt(((high - low) ** 2).sum()))

@@ -8,7 +8,7 @@ from solver.registration.samples import Samples
 
 # Deviations at which a difference counts half, so that occlusion edges do not decide. Pooled weights are
 # several times those of a pixel, and edges alias at this level.
-HALF = 32.0
+HALF = 30.0
 LEAST_OVERLAP = 0.4  # of the frame's used pixels
 
 
@@ -28,38 +28,44 @@ def search_shifts(
     return np.where(moved, (middle + best) * factor, centre).astype(np.float64)
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(cache=True, parallel=True, fastmath=True)
 def _search(values, weights, reference, middle, rows, columns):  # type: ignore[no-untyped-def]
     channels, count, height, width = values.shape
     found = np.zeros((count, 2), dtype=np.int64)
-    w0 = weights[reference]
+    one, knee = np.float32(1.0), np.float32(HALF * HALF)
+    # w v / (w + v) = 1 / (1/w + 1/v); a pixel that is not used has a huge variance.
+    variance = np.empty_like(weights)
+    for k in numba.prange(count):
+        for i in range(height):
+            for j in range(width):
+                w = weights[k, i, j]
+                variance[k, i, j] = one / w if w > 0.0 else np.float32(1e32)
     for k in numba.prange(count):
         if k == reference:
             continue
-        own = 0
-        for i in range(height):
-            for j in range(width):
-                own += weights[k, i, j] > 0.0
+        own = (weights[k] > 0).sum()
         lowest = np.inf
         for a in range(-rows, rows + 1):
             for b in range(-columns, columns + 1):
                 dy, dx = middle[k, 0] + a, middle[k, 1] + b
-                cost, seen = 0.0, 0
+                cost, seen = np.float32(0.0), np.float32(0.0)
                 for i in range(max(0, -dy), min(height, height - dy)):
-                    for j in range(max(0, -dx), min(width, width - dx)):
-                        w, v = weights[k, i, j], w0[i + dy, j + dx]
-                        if w > 0.0 and v > 0.0:
-                            square = 0.0
-                            for h in range(channels):
-                                change = values[h, k, i, j] - values[h, reference, i + dy, j + dx]
-                                square += change * change
-                            size = np.sqrt(square * w * v / (w + v))
-                            cost += size / (1.0 + size / HALF)
-                            seen += 1
+                    first, last = max(0, -dx), min(width, width - dx)
+                    used, other = variance[k, i], variance[reference, i + dy]
+                    for j in range(first, last):
+                        both = used[j] + other[j + dx]
+                        square = np.float32(0.0)
+                        for h in range(channels):
+                            change = values[h, k, i, j] - values[h, reference, i + dy, j + dx]
+                            square += change * change
+                        # s / (s + knee) with s = square / both
+                        known = np.float32(both < 1e30)
+                        cost += known * square / (square + knee * both)
+                        seen += known
                 if seen < LEAST_OVERLAP * own or seen == 0:
                     continue
-                # A hundredth a pixel settles ties, as in a featureless scene.
-                mean = cost / seen + 0.01 * np.sqrt(float(a * a + b * b))
+                # A thousandth a pixel settles ties, as in a featureless scene.
+                mean = cost / seen + 0.001 * np.sqrt(float(a * a + b * b))
                 if mean < lowest:
                     lowest = mean
                     found[k, 0], found[k, 1] = a, b
