@@ -12,6 +12,7 @@ from drivers.clock import Clock
 from drivers.device import BackendOptions
 from drivers.errors import DriverError, NotAvailableError
 from drivers.frame import Frame
+from drivers.recording import Recording
 from drivers.settings import CameraSettings, Capabilities
 from drivers.stage import Stage
 
@@ -111,10 +112,11 @@ class AutoCamera(Camera):
         if self.options.recording is None:
             raise NotAvailableError(
                 "no SwissRanger found on USB, and no recording is named: plug a camera in (see `lidarboost "
-                "devices`), or name a recording to play"
+                "devices`), name a recording to play, or use the camera `simulated`"
             )
         log.warning("no camera found: playing the recording %s", self.options.recording)
-        camera = make_camera("replay", {"path": self.options.recording}, self.clock)
+        # Paced, as the camera that it stands for would be.
+        camera = make_camera("replay", {"path": self.options.recording, "speed": 1.0}, self.clock)
         camera.open()
         return camera
 
@@ -140,6 +142,12 @@ class AutoCamera(Camera):
 
     def _capabilities(self) -> Capabilities:
         return self._found.capabilities
+
+    @property
+    def recording(self) -> Recording | None:
+        """The recording that is played for want of a camera, or None."""
+        played = getattr(self._found, "recording", None)
+        return played if isinstance(played, Recording) else None
 
     @property
     def _found(self) -> Camera:

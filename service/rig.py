@@ -10,14 +10,11 @@ from drivers.calibration import Calibration
 from drivers.camera import Camera
 from drivers.clock import Clock, SystemClock
 from drivers.device import Device
-from drivers.errors import DriverError, InitialisationError, NotAvailableError, RecordingError
+from drivers.errors import DriverError, InitialisationError, RecordingError
 from drivers.settings import CameraSettings
 from drivers.stage import Stage
 from service.config import CameraSection, Configuration
 from service.errors import ConfigurationError
-
-REAL_CAMERAS = ("mesasr", "usb")
-"""What `auto` looks for, in this order."""
 
 _FIRST_WAIT, _LONGEST_WAIT = 0.5, 30.0
 """Seconds before the first attempt to open a lost device again, and at most between later ones."""
@@ -130,12 +127,12 @@ class Rig:
 
 
 def make_rig(configuration: Configuration, clock: Clock | None = None) -> Rig:
-    """The configured devices, closed (for `auto`, those that were found).
+    """The configured devices, closed.
 
     Raises:
         ConfigurationError: an unknown backend, an option that it cannot take, or a calibration
             that cannot be read.
-        NotAvailableError: a missing library, or no camera at all.
+        NotAvailableError: a backend's Python library is missing.
     """
     clock = clock if clock is not None else SystemClock()
     section = configuration.camera
@@ -149,8 +146,7 @@ def check_options(configuration: Configuration) -> None:
     """Check the backends named and their options, without looking for any device; raises as `make_rig`."""
     clock = SystemClock()
     _made(make_stage, "stage", configuration.stage.backend, configuration.stage.options, clock)
-    if configuration.camera.backend != "auto":
-        _made(make_camera, "camera", configuration.camera.backend, configuration.camera.options, clock)
+    _made(make_camera, "camera", configuration.camera.backend, configuration.camera.options, clock)
     configured_calibration(configuration.camera)
 
 
@@ -165,27 +161,11 @@ def configured_calibration(section: CameraSection) -> Calibration | None:
 
 
 def find_camera(section: CameraSection, clock: Clock) -> Camera:
-    """The camera of a configuration, closed; raises as `make_rig`."""
-    if section.backend != "auto":
-        return _made(make_camera, "camera", section.backend, section.options, clock)
-    reasons = []
-    for name in REAL_CAMERAS:
-        if name not in backend_names("camera"):
-            continue
-        try:
-            camera = make_camera(name, section.options, clock)
-            camera.open()
-        except DriverError as error:
-            reasons.append(f"{name}: {error}")
-        else:
-            camera.close()
-            return camera
-    if section.recording is not None:
-        return _made(make_camera, "camera", "replay", {"path": _existing(section.recording)}, clock)
-    raise NotAvailableError(
-        f"no camera found ({'; '.join(reasons) or 'no backend for a real one'}); connect one, or "
-        "play a recording (--replay FILE, or camera.recording), or set camera.backend = 'simulated'"
-    )
+    """The camera of a configuration, closed; `auto` looks for one when it is opened. Raises as `make_rig`."""
+    options = dict(section.options)
+    if section.backend == "auto" and section.recording is not None:
+        options["recording"] = _existing(section.recording)
+    return _made(make_camera, "camera", section.backend, options, clock)
 
 
 def _existing(path: Path) -> Path:
