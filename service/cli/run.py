@@ -104,7 +104,10 @@ def _check(replay: Path | None, speed: float | None, loop: bool, once: bool) -> 
 
 def _playing(configuration: "Configuration", path: Path, speed: float | None, loop: bool) -> "Configuration":
     """The same configuration with a recording for a camera, whose frames say themselves where they looked."""
-    camera = {"backend": "replay", "options": {"path": path, "speed": speed, "loop": loop}, "settings": None}
+    options: dict[str, object] = {"path": str(path), "loop": loop}
+    if speed is not None:
+        options["speed"] = speed
+    camera = {"backend": "replay", "options": options, "settings": None}
     stage = {"backend": "none", "options": {}}
     return configuration.model_copy(
         update={

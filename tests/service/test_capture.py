@@ -1,0 +1,236 @@
+"""Bursts by a plan and from frames that carry their poses, through faults of the devices."""
+
+from threading import Event
+
+import numpy as np
+import pytest
+from scripted import PERIOD, ScriptedCamera, ScriptedStage, frame
+
+from drivers import (
+    CameraSettings,
+    DeviceLostError,
+    DeviceTimeoutError,
+    Frame,
+    NotAvailableError,
+    OperationError,
+    RecordingError,
+)
+from drivers.clock import VirtualClock
+from service.burst import Burst
+from service.capture import Capture, CarriedBursts, Grabber, ScanBursts, exposure_start
+from service.config import PlanSection
+from service.plan import make_plan
+from service.rig import Rig
+
+SETTLE = 0.05
+
+
+class Scene:
+    """A rig of scripted devices, and what the capture showed."""
+
+    def __init__(self, camera_faults=None, stage_faults=None, carried=None, frames=5, settings=None) -> None:
+        self.clock = VirtualClock(1_000_000_000)
+        self.camera = ScriptedCamera(self.clock, camera_faults, carried)
+        self.stage = ScriptedStage(self.clock, stage_faults)
+        self.rig = Rig(self.camera, self.stage, self.clock, settings)
+        self.rig.open()
+        self.stop = Event()
+        self.shown: list[Frame] = []
+        self.grabber = Grabber(self.rig, 2.0, self.stop, self.shown.append)
+        if carried is None:
+            self.plan = make_plan(PlanSection(), frames, self.rig.calibration.intrinsics)
+            bursts = ScanBursts(self.grabber, self.plan, SETTLE, 10.0)
+        else:
+            bursts = CarriedBursts(self.grabber, frames)
+        self.capture = Capture(self.grabber, bursts)
+
+    @property
+    def counts(self):
+        return self.capture.counts
+
+    def take(self, count: int) -> list[Burst]:
+        found = []
+        for burst in self.capture.run():
+            found.append(burst)
+            if len(found) == count:
+                break
+        return found
+
+
+def test_each_pose_is_reached_settled_and_stamped_with_the_reported_angles() -> None:
+    scene = Scene()
+    (burst,) = scene.take(1)
+    assert scene.stage.moves == [(p.pan, p.tilt) for p in scene.plan.poses]
+    assert [(f.burst, f.pose) for f in burst.frames] == [(0, k) for k in range(5)]
+    for shown, (pan, tilt) in zip(burst.frames, scene.stage.moves, strict=True):
+        assert (shown.pan, shown.tilt) == (pan + 1e-5, tilt)
+    assert scene.shown == list(burst.frames)
+    assert burst.missing == 0
+
+
+def test_no_frame_was_exposed_before_the_stage_stood_still() -> None:
+    scene = Scene()
+    settled = []
+    wait = scene.stage._wait
+
+    def observed(timeout: float) -> None:
+        wait(timeout)
+        settled.append(scene.clock.now() + round(SETTLE * 1e9))
+
+    scene.stage._wait = observed  # type: ignore[method-assign]
+    (burst,) = scene.take(1)
+    assert all(exposure_start(f) >= at for f, at in zip(burst.frames, settled, strict=True))
+    assert scene.counts.stale > 0, "the camera ran while the stage moved, so some frames must have been stale"
+    assert scene.counts.dropped == 0, "frames that pass while the stage moves are nobody's loss"
+
+
+def test_bursts_follow_one_another() -> None:
+    bursts = Scene().take(3)
+    assert [b.id for b in bursts] == [0, 1, 2]
+    assert [f.burst for b in bursts for f in b.frames] == [0] * 5 + [1] * 5 + [2] * 5
+
+
+def test_a_garbled_frame_is_tried_again() -> None:
+    scene = Scene(camera_faults={3: OperationError("short frame"), 4: DeviceTimeoutError("no frame in 2 s")})
+    (burst,) = scene.take(1)
+    assert len(burst.frames) == 5
+    assert scene.counts.faults == 2
+    assert scene.counts.interrupted == scene.rig.reopened == 0
+    assert "no frame" in scene.counts.error
+
+
+def test_a_lost_camera_is_opened_again_and_the_burst_taken_anew() -> None:
+    settings = CameraSettings(integration_time=0.02)
+    scene = Scene(camera_faults={6: DeviceLostError("unplugged")}, settings=settings)
+    (burst,) = scene.take(1)
+    assert [f.pose for f in burst.frames] == list(range(5))
+    assert scene.camera.opened == 2
+    assert scene.camera.applied == [settings, settings]
+    assert (scene.counts.lost, scene.counts.interrupted, scene.rig.reopened) == (1, 1, 1)
+    assert {f.burst for f in burst.frames} == {0}
+
+
+def test_waits_grow_until_the_camera_is_back() -> None:
+    scene = Scene(camera_faults={2: DeviceLostError("unplugged")})
+    scene.camera.refusals = [NotAvailableError("not there") for _ in range(3)]
+    before = scene.clock.now()
+    scene.take(1)
+    # 0.5 + 1 + 2 s between the attempts, then a burst of five frames.
+    assert 3.5 < (scene.clock.now() - before) / 1e9 < 10
+    assert scene.rig.reopened == 1
+
+
+def test_a_fault_that_stays_is_a_lost_device() -> None:
+    faults = {call: OperationError("garbled") for call in range(2, 6)}
+    scene = Scene(camera_faults=faults)
+    scene.take(1)
+    assert scene.counts.faults == 4
+    assert scene.counts.lost == 1
+
+
+def test_a_stage_that_sticks_once_is_tried_again() -> None:
+    scene = Scene(stage_faults={2: DeviceTimeoutError("still moving")})
+    (burst,) = scene.take(1)
+    assert len(burst.frames) == 5
+    assert scene.counts.faults == 1
+
+
+def test_a_lost_stage_interrupts_the_burst() -> None:
+    scene = Scene(stage_faults={2: DeviceLostError("no answer")})
+    (burst,) = scene.take(1)
+    assert len(burst.frames) == 5
+    assert scene.counts.interrupted == 1
+
+
+def test_gaps_in_the_numbers_are_drops() -> None:
+    scene = Scene()
+    scene.plan.offsets[:] = 0
+    scene.camera.skip = 2
+    scene.take(1)
+    assert scene.counts.dropped == 2 * (scene.counts.frames - 1 + scene.counts.stale)
+
+
+def test_frames_that_stay_too_old_are_an_error_with_a_reason() -> None:
+    scene = Scene()
+    grab = scene.camera._grab
+
+    def late(timeout: float) -> Frame:
+        found = grab(timeout)
+        return frame(found.sequence, found.timestamp - 3600 * 10**9)
+
+    scene.camera._grab = late  # type: ignore[method-assign]
+    with pytest.raises(OperationError, match="check the camera's timestamps"):
+        scene.capture._bursts.take(0)
+
+
+def test_stopping_ends_in_the_middle_of_a_burst() -> None:
+    scene = Scene()
+    scene.grabber._listener = lambda _: scene.stop.set()
+    assert scene.take(1) == []
+    assert scene.counts.frames == 1
+
+
+def test_stopping_ends_the_wait_for_a_lost_camera() -> None:
+    scene = Scene(camera_faults={2: DeviceLostError("unplugged")})
+
+    class Gone(list):
+        def pop(self, _index: int = -1) -> Exception:
+            scene.stop.set()
+            return NotAvailableError("not there")
+
+        def __bool__(self) -> bool:
+            return True
+
+    scene.camera.refusals = Gone()
+    assert scene.take(1) == []
+
+
+def carried(*bursts: tuple[int | None, int], first: int = 0) -> list[Frame]:
+    """Frames of (burst id, how many), numbered on."""
+    found: list[Frame] = []
+    for burst, count in bursts:
+        found += [
+            frame(
+                first + len(found) + k,
+                (len(found) + k) * PERIOD,
+                burst=burst,
+                pose=None if burst is None else k,
+                pan=0.001 * k,
+            )
+            for k in range(count)
+        ]
+    return found
+
+
+def test_recorded_bursts_are_cut_by_their_ids_and_keep_their_poses() -> None:
+    scene = Scene(carried=carried((7, 3), (8, 3), (9, 3)))
+    bursts = scene.take(9)
+    assert [(b.id, len(b.frames), b.missing) for b in bursts] == [(7, 3, 0), (8, 3, 0), (9, 3, 0)]
+    assert [f.pan for f in bursts[1].frames] == [0.0, 0.001, 0.002]
+    assert scene.stage.moves == []
+
+
+def test_frames_without_an_id_are_cut_by_number_and_the_last_burst_says_what_it_lacks() -> None:
+    bursts = Scene(carried=carried((None, 13)), frames=5).take(9)
+    assert [(b.id, len(b.frames), b.missing) for b in bursts] == [(0, 5, 0), (1, 5, 0), (2, 3, 2)]
+    assert [(f.burst, f.pose) for f in bursts[2].frames] == [(2, 0), (2, 1), (2, 2)]
+
+
+def test_a_shorter_last_burst_says_what_it_lacks() -> None:
+    bursts = Scene(carried=carried((0, 6), (1, 4))).take(9)
+    assert [b.missing for b in bursts] == [0, 2]
+
+
+def test_a_pause_in_a_recording_is_no_fault() -> None:
+    scene = Scene(carried=carried((0, 4)), camera_faults={2: DeviceTimeoutError("due in 3 s")})
+    (burst,) = scene.take(9)
+    assert len(burst.frames) == 4
+    assert scene.counts.lost == 0
+
+
+def test_frames_that_do_not_fit_together_are_refused() -> None:
+    odd = np.zeros((5, 5), np.uint16)
+    with pytest.raises(RecordingError, match=r"5 × 5 pixels; its calibration is for 4 × 6"):
+        Scene(carried=[frame(0, burst=0), frame(1, burst=0, counts=odd, amplitude=odd)]).take(1)
+    with pytest.raises(RecordingError, match=r"mixes ambiguity ranges of 7\.5 m and 5 m"):
+        Scene(carried=[frame(0, burst=0), frame(1, burst=0, ambiguity_range=5.0)]).take(1)
