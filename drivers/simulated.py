@@ -34,6 +34,9 @@ class CameraOptions(BackendOptions):
         description="Projection centre from the stage's axes, metres (x right, y down, z forward). "
         "With one every pose is rendered anew: a few frames per second instead of 50 and more.",
     )
+    mount_rotation: tuple[float, float, float] = Field(
+        (0.0, 0.0, 0.0), description="Rotation vector that takes camera axes to stage axes, radians."
+    )
     fill_factor: float = Field(1.0, gt=0, le=1, description="Side of a pixel's sensitive square, in pixels.")
     readout: float = Field(
         0.001, ge=0, le=0.1, description="Seconds of each frame beyond four integration times."
@@ -79,8 +82,6 @@ class SimulatedCamera(Camera):
         self._check_rate(self._settings)
         self._renderer = Renderer(build_scene(self.options.scene), self._calibration())
         self._first = self._next = 0
-        # Rendered and compiled here, so that the first frame is not late.
-        self._expose([self._pose(self.clock.now())] * SAMPLES, 0)
 
     def _close(self) -> None:
         self._renderer = None
@@ -94,7 +95,8 @@ class SimulatedCamera(Camera):
     def _apply(self, settings: CameraSettings) -> CameraSettings:
         self._check_rate(settings)
         self._settings = settings
-        self._restart()
+        if self.is_started:
+            self._restart()
         return settings
 
     def _grab(self, timeout: float) -> Frame:
@@ -116,7 +118,7 @@ class SimulatedCamera(Camera):
         coefficient = noise_coefficient(self._settings.ambiguity_range)
         return nominal.model_copy(
             update={
-                "mount": Mount(lever_arm=self.options.lever_arm),
+                "mount": Mount(rotation=self.options.mount_rotation, lever_arm=self.options.lever_arm),
                 "footprint": Footprint(fill_factor=self.options.fill_factor),
                 "noise": NoiseLaw(coefficient=coefficient) if self.options.noise else None,
                 "source": "simulated SR3000",
@@ -166,6 +168,8 @@ class SimulatedCamera(Camera):
         return self._renderer
 
     def _restart(self) -> None:
+        # Rendered and compiled before time begins to count, so that the first frame is not late.
+        self._expose([self._pose(self.clock.now())] * SAMPLES, self._next)
         self._epoch, self._first = self.clock.now(), self._next
 
     def _exposure(self, settings: CameraSettings) -> int:
