@@ -42,6 +42,7 @@ COMMANDS: dict[str, Entry] = {
     ),
     "import": Entry("service.cli.import_", "import_frames", "Make a recording of camera files.", _RECORDINGS),
     "info": Entry("service.cli.info", "info", "Show what a recording holds and what it lacks.", _RECORDINGS),
+    "export": Entry("service.cli.export", "export", "Export to NumPy or PLY.", _RECORDINGS),
     "recover": Entry("service.cli.recover", "recover", "Save what a torn recording holds.", _RECORDINGS),
     "fuse": Entry("service.cli.fuse", "fuse", "Fuse recordings offline.", _RECORDINGS),
     "devices": Entry("service.cli.devices", "app", "List devices; learn a camera from a USB trace.", _DEVICES),

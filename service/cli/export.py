@@ -1,0 +1,60 @@
+"""`lidarboost export`: frames and fused maps as NumPy arrays or point clouds."""
+
+import sys
+from itertools import islice
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def export(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="A recording (MCAP), of frames or of fused maps.")
+    ],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="OUT", help=".npz: everything; .ply: a point cloud.")
+    ],
+    number: Annotated[
+        int, typer.Option(min=0, help="Which map or frame becomes the point cloud, from 0.")
+    ] = 0,
+    every: Annotated[
+        bool, typer.Option("--all", help="Every map or frame: OUT-0000.ply, OUT-0001.ply, ….")
+    ] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace files that exist.")] = False,
+) -> None:
+    """Export frames and fused maps to NumPy or PLY.
+
+    .npz holds everything: frames as counts, amplitude, distance, timestamp, pan, tilt and settings; fused
+    maps as fused_depth, fused_deviation, fused_amplitude; intrinsics of both. .ply is a cloud in camera axes
+    (x right, y down, z forward, metres): of a fused map where the recording holds some, else of a frame.
+
+    Try:  lidarboost export out/fused.mcap -o map.ply
+    """
+    from drivers.errors import RecordingError
+    from drivers.recording import Recording
+    from service.cli import DATA_LOST
+    from service.errors import ConfigurationError, OutputError
+    from service.exporting import clouds, export_arrays, export_cloud
+
+    if output.suffix not in (".npz", ".ply"):
+        raise ConfigurationError(f"--output: {output} is of no kind known here; expected .npz or .ply")
+    if output.exists() and not (force or every):
+        raise OutputError(f"{output} exists already; choose another name, or replace it with --force")
+    recording = Recording(file)
+    if output.suffix == ".npz":
+        print(f"{output}: {export_arrays(recording, output)}")
+    else:
+        chosen = enumerate(clouds(recording))
+        written = 0
+        for index, points in chosen if every else islice(chosen, number, number + 1):
+            path = output.with_name(f"{output.stem}-{index:04d}{output.suffix}") if every else output
+            if path.exists() and not force:
+                raise OutputError(f"{path} exists already; choose another name, or replace it with --force")
+            print(f"{path}: {export_cloud(points, path)}")
+            written += 1
+        if not written:
+            raise RecordingError(f"{file}: has no map or frame number {number}; they count from 0")
+    if recording.damage is not None:
+        print(f"lost: {recording.damage}", file=sys.stderr)
+        raise typer.Exit(DATA_LOST)
