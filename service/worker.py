@@ -213,15 +213,14 @@ class _Process:
     def start(self) -> Ready | Failure:
         """Start a new process and wait until it is ready; raises WorkerError where it dies before."""
         self.kill()
-        if self._cancelled():
-            raise WorkerError("the fusion worker is closed")
         ours, theirs = self._context.Pipe()
-        self._process = self._context.Process(
+        process = self._context.Process(
             target=serve, args=(theirs, self._settings), name="lidarboost-fusion", daemon=True
         )
-        self._process.start()
+        process.start()
         theirs.close()
-        self._pipe = ours
+        with self._killing:
+            self._process, self._pipe = process, ours
         answer = self._receive(_START_TIMEOUT)
         assert isinstance(answer, (Ready, Failure))
         return answer
