@@ -20,8 +20,7 @@ OVERLAP = 0.3  # share of a frame's pixels that the other frames must cover
 STEP = 0.002  # pixels; a tenth of what matters for the fusion
 COARSE_STEP = 0.05  # pixels; the finer level goes on
 ALIASED = 0.2  # pixels; position error of a mosaic of one frame, whose edges alias
-STEEP = 1.5  # deviations per pixel; flatter places say little about a displacement
-STEEPEST = 0.3  # share of the mosaic that is looked at in any case
+STEEP = 0.15  # share of the mosaic that is looked at in the end: its edges
 DENSITY = (
     2.118  # nodes per pixel: the footprint's first zero is at one cycle a pixel, the Nyquist limit of two
 )
@@ -188,7 +187,7 @@ class _Work:
                 near = self._positions(samples) * np.float32(0.5) - np.float32(
                     0.25
                 )  # full-resolution pixels on the pooled grid
-                steep = steep_samples(mosaic, near, slope=2 * STEEP, most=STEEPEST)
+                steep = steep_samples(mosaic, near, STEEP)
                 samples = replace(samples, weights=samples.weights * steep)
             equations, _ = self._refine_jointly(samples, most=8)
             misfits = self._misfits(equations)

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
+DILATE = 5
 EPSILON = 0.3  # of a deviation between nodes: where the prior turns from quadratic to absolute
 
 
@@ -90,17 +91,16 @@ def build_mosaic(
     return Mosaic(image, covered, grid)
 
 
-def steep_samples(mosaic: Mosaic, positions: Image, slope: float, most: float) -> Mask:
-    """Samples (N, H, W) within two nodes of a place where |∇U| exceeds `slope` per pixel.
+def steep_samples(mosaic: Mosaic, positions: Image, share: float) -> Mask:
+    """Samples (N, H, W) within a node or two of the steepest `share` of the mosaic.
 
-    Elsewhere a displacement changes nothing, so registration need not look. Where less than `most` of the
-    mosaic is that steep, the steepest part of that size is taken.
+    Elsewhere a displacement changes little, so registration need not look.
     """
-    down, right = np.gradient(mosaic.values, 1 / mosaic.grid.density, axis=(1, 2))
+    down, right = np.gradient(mosaic.values, axis=(1, 2))
     square = (down * down + right * right).sum(axis=0)
     square[~mosaic.covered] = 0
-    limit = min(slope * slope, float(np.quantile(square[mosaic.covered][::7], 1 - most)))
-    steep = cv2.dilate((square > limit).astype(np.uint8), np.ones((5, 5), np.uint8))
+    limit = np.quantile(square[mosaic.covered][::7], 1 - share)  # every seventh node tells the quantile
+    steep = cv2.dilate((square >= limit).astype(np.uint8), np.ones((DILATE, DILATE), np.uint8))
     found: Mask = _lookup(steep, positions, *mosaic.grid.origin, mosaic.grid.density)
     return found
 
