@@ -90,13 +90,15 @@ def import_frames(
 
 
 def _format(paths: Sequence[Path]) -> Format:
+    for path in paths:
+        if path.suffix.lower() not in FORMATS:
+            said = (
+                "is a folder; name its files" if path.is_dir() else f"cannot be imported as {path.suffix!r}"
+            )
+            raise RecordingError(
+                f"{path}: {said}; known are {', '.join(FORMATS)} (SR4000 text frames end in .dat or .txt)"
+            )
     suffixes = {path.suffix.lower() for path in paths}
-    unknown = sorted(suffixes - set(FORMATS))
-    if unknown:
-        raise RecordingError(
-            f"cannot import {', '.join(unknown) or 'files'} files; known are {', '.join(FORMATS)} "
-            "(SR4000 text frames end in .dat or .txt)"
-        )
     if len({id(FORMATS[suffix]) for suffix in suffixes}) > 1:
         raise RecordingError(
             f"files of several formats ({', '.join(sorted(suffixes))}): import each by itself"

@@ -25,6 +25,7 @@ HEADER_SIZE = 9
 """Opcode (1 byte) and length (8 bytes) before each record's content."""
 
 FOOTER_SIZE = HEADER_SIZE + 20
+DATA_END_LENGTH = 4
 FIRST_PRIVATE_OPCODE = 0x80
 
 Part = Literal["end", "chunk", "attachment", "record", "index"]
@@ -75,19 +76,14 @@ def walk(file: BinaryIO) -> Iterator[McapRecord | Fault]:
         header = file.read(HEADER_SIZE)
         opcode, length = struct.unpack("<BQ", header) if len(header) == HEADER_SIZE else (0, 0)
         after = position + HEADER_SIZE + length
-        if opcode == Opcode.DATA_END:
-            stored = int.from_bytes(file.read(4), "little")
-            if whole and stored not in (0, checksum):
-                yield Fault("index", 0, position, "a record without a checksum of its own has changed")
-            if index is None:
-                yield Fault("index", after, max(0, size - after), "the index is missing or damaged")
+        if opcode == Opcode.DATA_END and length == DATA_END_LENGTH:
+            stored = int.from_bytes(file.read(DATA_END_LENGTH), "little")
+            yield from _ending(position, size, index, whole and stored not in (0, checksum))
             return
-        if opcode == Opcode.FOOTER:
-            return
-        if len(header) < HEADER_SIZE or after > size or not _is_known(opcode):
+        if after > size or not _is_known(opcode):
             resumed = _next_known(index, position)
             if resumed is None:
-                yield Fault("end", position, size - position, _ending_reason(header, opcode, length))
+                yield Fault("end", position, size - position, _tear(header, opcode, length))
                 return
             yield Fault("record", position, resumed - position, "its record header is garbled")
             position, whole = resumed, False
@@ -102,6 +98,13 @@ def walk(file: BinaryIO) -> Iterator[McapRecord | Fault]:
             chunk_failed = chunk_failed and opcode == Opcode.MESSAGE_INDEX
             yield from (record for record in found if chunk_failed or not isinstance(record, MessageIndex))
         position = after
+
+
+def _ending(position: int, size: int, index: _Index | None, is_changed: bool) -> Iterator[Fault]:
+    if is_changed:
+        yield Fault("index", 0, position, "a record without a checksum of its own has changed")
+    if index is None:
+        yield Fault("index", position, size - position, "the index is missing or damaged")
 
 
 def _decode(opcode: int, content: bytes, offset: int) -> list[McapRecord] | Fault:
@@ -177,10 +180,12 @@ def _next_known(index: _Index | None, position: int) -> int | None:
 
 
 def _is_known(opcode: int) -> bool:
-    return opcode >= FIRST_PRIVATE_OPCODE or 0 < opcode <= Opcode.DATA_END
+    """Whether a record of this kind may stand in the data section, before its end."""
+    data = (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX)
+    return opcode >= FIRST_PRIVATE_OPCODE or opcode in (*data, Opcode.ATTACHMENT, Opcode.METADATA)
 
 
-def _ending_reason(header: bytes, opcode: int, length: int) -> str:
+def _tear(header: bytes, opcode: int, length: int) -> str:
     if len(header) < HEADER_SIZE:
         return "the file ends here, without an index"
     if not _is_known(opcode):

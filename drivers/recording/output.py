@@ -3,11 +3,14 @@
 import contextlib
 import errno
 import fcntl
+import logging
 import os
 from io import FileIO
 from pathlib import Path
 
 from drivers.errors import StorageError
+
+logger = logging.getLogger(__name__)
 
 WORKING_SUFFIX = ".active"
 
@@ -80,8 +83,8 @@ class Output:
 
     def finish(self) -> None:
         """Give the file its name."""
-        self.sync()
-        self._file.close()
+        with self._file:
+            self.sync()
         self.working_path.replace(self.path)
 
     def discard(self) -> None:
@@ -104,6 +107,7 @@ def _set_aside(working_path: Path, path: Path) -> None:
     while (kept := path.with_name(f"{path.stem}.torn{number or ''}{path.suffix}")).exists():
         number += 1
     working_path.rename(kept)
+    logger.warning("%s was left unfinished; kept as %s", working_path, kept)
 
 
 def _storage_error(path: Path, error: OSError) -> StorageError:

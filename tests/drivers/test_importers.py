@@ -209,7 +209,8 @@ def test_amplitudes_that_are_no_counts_are_refused(tmp_path):
 def test_what_to_import_must_be_of_one_known_kind(tmp_path):
     for paths, said in (
         ([], "no file to import"),
-        (["a.jpg"], r"cannot import \.jpg files; known are \.srs, \.bdat, \.dat, \.txt"),
+        (["a.jpg"], r"cannot be imported as '\.jpg'; known are \.srs, \.bdat, \.dat, \.txt"),
+        ([""], "is a folder; name its files"),
         (["a.dat", "b.bdat"], r"several formats \(\.bdat, \.dat\)"),
     ):
         with pytest.raises(RecordingError, match=said):

@@ -249,6 +249,18 @@ def test_damaged_index_leaves_all_frames(whole, tmp_path):
     assert "the index is missing or damaged" in str(recording.damage)
 
 
+@pytest.mark.parametrize("bit", range(8))
+def test_flipped_kind_of_record_does_not_end_the_file_unnoticed(whole, tmp_path, bit):
+    for offset, length in (chunks(whole)[1], chunks(whole)[-1]):
+        for position in (offset, offset + length):  # the chunk, and its first message index
+            content = bytearray(whole.read_bytes())
+            content[position] ^= 1 << bit
+            (tmp_path / "x.mcap").write_bytes(content)
+            recording = open_recording(tmp_path / "x.mcap")
+            assert recording.damage is not None
+            assert recording.frame_count >= 26
+
+
 def test_any_single_flipped_byte_is_noticed_or_harmless(whole, frames, tmp_path):
     """No flip makes the reader fail or give a frame that was not recorded."""
     by_sequence = {frame.sequence: frame for frame in frames}

@@ -121,7 +121,7 @@ def test_frames_survive_a_kill_up_to_the_last_chunk(tmp_path):
     assert "the file ends here, without an index" in str(recording.damage)
 
 
-def test_what_a_dead_process_left_is_kept_aside(tmp_path):
+def test_what_a_dead_process_left_is_kept_aside(tmp_path, caplog):
     path = tmp_path / "x.mcap"
     (tmp_path / "x.mcap.active").write_bytes(b"left")
     (tmp_path / "x.torn.mcap").write_bytes(b"left before")
@@ -129,6 +129,7 @@ def test_what_a_dead_process_left_is_kept_aside(tmp_path):
         writer.write_frame(make_frame(0), Mount())
     assert sorted(file.name for file in tmp_path.iterdir()) == ["x.mcap", "x.torn.mcap", "x.torn1.mcap"]
     assert (tmp_path / "x.torn1.mcap").read_bytes() == b"left"
+    assert "was left unfinished; kept as" in caplog.text
 
 
 def test_a_file_that_is_being_written_is_refused(tmp_path):
