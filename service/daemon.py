@@ -118,11 +118,12 @@ class Daemon:
             return self._work()
 
     def _work(self) -> RunSummary:
-        began = time.monotonic()
+        capture = Capture(self._grabber, self._bursts(), self.configuration.plan.pause)
         self._watch.started(self)
+        self._worker.wait_ready()
         notify(READY)
         self._monitor.state = "scanning"
-        capture = Capture(self._grabber, self._bursts(), self.configuration.plan.pause)
+        began = time.monotonic()
         for burst in capture.run():
             self._outlets.send([calibration_message(burst.calibration, burst.reference.timestamp)])
             self._watch.burst(capture.counts.bursts)
@@ -133,9 +134,9 @@ class Daemon:
         notify(STOPPING)
         self._worker.drain(_LAST_FUSION if self.stop.is_set() else None)
         self._worker.close()
-        self._outlets.settle(_HANDOVER)
         if self._worker.counts.fused == 0 and not self.stop.is_set():
             raise ServiceError(f"no burst could be fused: {self._why_nothing()}")
+        self._outlets.settle(_HANDOVER)
         return self._summary(time.monotonic() - began)
 
     @contextmanager

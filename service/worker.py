@@ -61,7 +61,7 @@ class FusionWorker:
         self._on_fused, self._on_failed = on_fused, on_failed
         self._queue: deque[Burst] = deque()
         self._changed = Condition()
-        self._busy = self._closing = False
+        self._ready = self._busy = self._closing = False
         self._process = _Process(settings, lambda: self._closing)
         self._thread = Thread(target=self._run, name="fusion", daemon=True)
 
@@ -85,6 +85,16 @@ class FusionWorker:
             self._check()
             self._queue.append(burst)
             self._changed.notify_all()
+
+    def wait_ready(self) -> None:
+        """Wait until the kernels are compiled.
+
+        Raises:
+            WorkerError: the worker was given up.
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: self._ready or self._ended())
+            self._check()
 
     @property
     def waiting(self) -> int:
@@ -131,6 +141,9 @@ class FusionWorker:
     def _run(self) -> None:
         try:
             self._ensure_process()
+            with self._changed:
+                self._ready = True
+                self._changed.notify_all()
             while (burst := self._take()) is not None:
                 self._fuse(burst)
                 with self._changed:
