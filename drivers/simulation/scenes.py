@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.errors import InitialisationError
 from drivers.simulation import textures
+from drivers.simulation.board import board_scene
 from drivers.simulation.scene import (
     Holes,
     Scene,
@@ -106,9 +107,10 @@ SCENES: dict[str, Callable[[], list[Surface]]] = {
     "plane": _plane,
     "step": _step,
     "sphere": _sphere,
+    "board": board_scene,
 }
 """Scene builders by name. `plane`: a wall at 2 m; `step`: 2 m on the left, 2.5 m on the right; `sphere`: a
-ball of 0.5 m radius at 2.5 m before a wall at 3.5 m; all of reflectivity 0.6."""
+ball of 0.5 m radius at 2.5 m before a wall at 3.5 m; all of reflectivity 0.6. `board`: to calibrate with."""
 
 
 def _turn(axis: str, degrees: float) -> NDArray[np.float64]:
