@@ -1,7 +1,7 @@
 """A subscriber in a process of its own, as a stranger would write it: Zenoh and the public Foxglove schemas.
 
-Usage: listener.py ENDPOINT PREFIX COUNT [--advanced] [--get TOPIC]
-Prints one JSON line per message received (or answer got), and ends after COUNT of them.
+Usage: listener.py ENDPOINT PREFIX COUNT [--advanced] [--until TOPIC] [--get TOPIC]
+Prints one JSON line per message received (or answer got), and ends after COUNT of them, or after TOPIC.
 """
 
 import argparse
@@ -61,6 +61,7 @@ def main() -> None:
     parser.add_argument("count", type=int)
     parser.add_argument("--advanced", action="store_true")
     parser.add_argument("--get")
+    parser.add_argument("--until")
     options = parser.parse_args()
     config = zenoh.Config()
     config.insert_json5("mode", '"peer"')
@@ -86,7 +87,10 @@ def main() -> None:
             subscriber = session.declare_subscriber(key, received.put)
         with subscriber, session.liveliness().declare_token("test/listening"):
             for _ in range(options.count):
-                print(json.dumps(describe(received.get(timeout=30))), flush=True)
+                told = describe(received.get(timeout=60))
+                print(json.dumps(told), flush=True)
+                if told["key"] == f"{options.prefix}/{options.until}":
+                    break
 
 
 main()
