@@ -7,13 +7,15 @@ up; `camera` is optical, with x right, y down and z forward.
 
 import json
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, Literal, Self
 
 import numpy as np
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.message import DecodeError
 from google.protobuf.message import Message as Protobuf
 from google.protobuf.timestamp_pb2 import Timestamp
@@ -246,17 +248,20 @@ def decode_calibration(payload: bytes) -> CameraCalibration:
 
 
 def _transform_message(frame: Frame, mount: Mount) -> Message:
-    from scipy.spatial.transform import Rotation
-
-    turn = Rotation.from_matrix(RIG_FROM_STAGE @ camera_rotation(frame.pan, frame.tilt, mount))
+    (x, y, z), (qx, qy, qz, qw) = _camera_in_rig(frame.pan, frame.tilt, mount)
     message = FrameTransform(
         timestamp=protobuf_time(frame.timestamp),
         parent_frame_id=RIG_FRAME_ID,
         child_frame_id=CAMERA_FRAME_ID,
+        translation=Vector3(x=x, y=y, z=z),
+        rotation=Quaternion(x=qx, y=qy, z=qz, w=qw),
     )
-    x, y, z = (RIG_FROM_STAGE @ camera_centre(frame.pan, frame.tilt, mount)).tolist()
-    message.translation.x, message.translation.y, message.translation.z = x, y, z
-    x, y, z, w = turn.as_quat().tolist()
-    rotation = message.rotation
-    rotation.x, rotation.y, rotation.z, rotation.w = x, y, z, w
     return protobuf_message(STAGE_TRANSFORM, message, frame.timestamp, frame.sequence)
+
+
+@lru_cache(maxsize=256)  # a plan comes back to its poses, and working one out costs as much as all else
+def _camera_in_rig(pan: float, tilt: float, mount: Mount) -> tuple[list[float], list[float]]:
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_matrix(RIG_FROM_STAGE @ camera_rotation(pan, tilt, mount))
+    return (RIG_FROM_STAGE @ camera_centre(pan, tilt, mount)).tolist(), turn.as_quat().tolist()
