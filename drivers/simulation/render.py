@@ -1,7 +1,7 @@
 """What a camera at a given pose receives from a scene, before any noise, and the truth behind it."""
 
 from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -84,9 +84,7 @@ class Renderer:
         """
         looks = [_Look(place, ambiguity_range, k % 2) for k, place in enumerate(positions)]
         new = list(dict.fromkeys(look for look in looks if look not in self._seen))
-        with ThreadPoolExecutor(WORKERS) as pool:
-            jobs = dict(zip(new, [self._submit(pool, look) for look in new], strict=True))
-            found = {look: job.result() for look, job in jobs.items()}
+        found = self._integrated(new) if self._turns_in_place else self._cast_anew(new)
         self._seen = {look: found[look] if look in found else self._seen[look] for look in looks}
         return np.stack([self._seen[look] for look in looks])
 
@@ -128,19 +126,31 @@ class Renderer:
         shape = ((height + 2 * margin) * rays, (width + 2 * margin) * rays)
         return cast(self._surfaces, centre, turn, start, step, shape)
 
-    def _submit(self, pool: ThreadPoolExecutor, look: _Look) -> Future[NDArray[np.float64]]:
-        mount = self._calibration.mount
+    def _integrated(self, looks: Sequence[_Look]) -> dict[_Look, NDArray[np.float64]]:
+        with ThreadPoolExecutor(WORKERS) as pool:
+            jobs = {}
+            for look in looks:
+                field, view = self._field_for(look)
+                jobs[look] = pool.submit(self._integrate, field.tables[look.part], view)
+            return {look: job.result() for look, job in jobs.items()}
+
+    def _field_for(self, look: _Look) -> tuple[_Field, NDArray[np.float64]]:
+        """A field that holds the whole view, and the view of it: the last one, or one cast about the pose."""
+        mount, shape = self._calibration.mount, self._calibration.shape
         turn = camera_rotation(look.position.pan, look.position.tilt, mount)
-        if not self._turns_in_place:
-            return pool.submit(self._direct, turn, look)
         field = self._field
         if field is None or field.ambiguity_range != look.ambiguity_range:
             about = camera_rotation(0.0, 0.0, mount) if field is None else field.turn
             field = self._cast_field(about, look.ambiguity_range)
-        if not fits(field.tables[0], self._view(field, turn), self._calibration.shape):
+        if not fits(field.tables[0], self._view(field, turn), shape):
             field = self._cast_field(turn, look.ambiguity_range)
         self._field = field
-        return pool.submit(self._integrate, field, self._view(field, turn), look.part)
+        return field, self._view(field, turn)
+
+    def _integrate(self, table: NDArray[np.float64], view: NDArray[np.float64]) -> NDArray[np.float64]:
+        out = np.empty(self._calibration.shape)
+        average(table, view, self._calibration.footprint.fill_factor, out)
+        return out
 
     def _cast_field(self, turn: NDArray[np.float64], ambiguity_range: float) -> _Field:
         distance, strength = self._cast(turn, np.zeros(3), RAYS, MARGIN)
@@ -154,19 +164,19 @@ class Renderer:
         view: NDArray[np.float64] = to_cells @ K @ field.turn.T @ turn @ np.linalg.inv(K)
         return view
 
-    def _integrate(self, field: _Field, view: NDArray[np.float64], part: int) -> NDArray[np.float64]:
-        out = np.empty(self._calibration.shape)
-        average(field.tables[part], view, self._calibration.footprint.fill_factor, out)
-        return out
+    def _cast_anew(self, looks: Sequence[_Look]) -> dict[_Look, NDArray[np.float64]]:
+        at = {place: self._direct(place, span) for place, span in {look[:2] for look in looks}}
+        return {look: at[look.position].imag if look.part else at[look.position].real for look in looks}
 
-    def _direct(self, turn: NDArray[np.float64], look: _Look) -> NDArray[np.float64]:
+    def _direct(self, position: Position, ambiguity_range: float) -> NDArray[np.complex128]:
         height, width = self._calibration.shape
-        centre = camera_centre(look.position.pan, look.position.tilt, self._calibration.mount)
-        distance, strength = self._cast(turn, centre, RAYS, 0)
-        phase = np.where(strength > 0, distance, 0.0) * (2 * np.pi / look.ambiguity_range)
-        wave = strength * (np.sin(phase) if look.part else np.cos(phase))
+        mount = self._calibration.mount
+        turn = camera_rotation(position.pan, position.tilt, mount)
+        distance, strength = self._cast(turn, camera_centre(position.pan, position.tilt, mount), RAYS, 0)
+        phase = np.where(strength > 0, distance, 0.0) * (2 * np.pi / ambiguity_range)
+        waves = (strength * np.exp(1j * phase)).reshape(height, RAYS, width, RAYS)
         share = self._ray_shares()
-        mean: NDArray[np.float64] = share @ wave.reshape(height, RAYS, width, RAYS).swapaxes(1, 2) @ share
+        mean: NDArray[np.complex128] = share @ waves.swapaxes(1, 2) @ share
         return mean
 
     def _ray_shares(self) -> NDArray[np.float64]:
