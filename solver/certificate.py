@@ -4,9 +4,9 @@ For E(X) = Σ Ω (y − A X)² + Σ ‖∇X‖₂ (λ = 1), any residual variabl
 
     E(X) ≥ Σ r y − Σ r² / (4 Ω)   for every X
 
-(Fenchel duality; Boyd, Vandenberghe, "Convex Optimization", section 5). An iteration's r = 2 Ω (y − A X) and p
-meet the equation only in the limit. Here p is corrected by the least change of its unit differences that meets
-it, a Poisson equation, and both are then shrunk until every group is in its ball.
+(Fenchel duality; Boyd, Vandenberghe, "Convex Optimization", section 5). An iteration's r = 2 Ω (y − A X) and
+p meet the equation only in the limit. Here p is corrected by the least change of its unit differences that
+meets it, a Poisson equation, and both are then shrunk until every group is in its ball.
 """
 
 import numpy as np
@@ -24,12 +24,16 @@ def slope(dual: NDArray[np.floating], weights: NDArray[np.floating]) -> NDArray[
 
 
 def shrinkage(
-    dual: NDArray[np.floating], weights: NDArray[np.floating], excess: NDArray[np.floating]
+    dual: NDArray[np.floating],
+    radius: NDArray[np.floating],
+    weights: NDArray[np.floating],
+    excess: NDArray[np.floating],
 ) -> float:
     """The largest factor up to 1 that brings the duals into their balls once ∇ᵀ dual has lost `excess`.
 
     Args:
-        dual: (C, 6, rows + 4, columns + 4), every group in the unit ball.
+        dual: (C, 6, rows + 4, columns + 4), every group in its ball.
+        radius: (rows + 4, columns + 4), of the balls.
         weights: (6,), the first two (the unit differences) not 0.
         excess: (C, rows, columns), of sum 0 in each channel.
     """
@@ -43,11 +47,12 @@ def shrinkage(
         square += across**2 + along**2
         for other in variables[2:]:
             square += other**2
+    square /= radius[2:-2, 2:-2].astype(np.float64) ** 2
     return float(1 / np.sqrt(max(1.0, float(square.max()))))
 
 
 def _poisson(source: NDArray[np.floating], down: float, right: float) -> NDArray[np.floating]:
-    """φ of (down · L_rows + right · L_columns) φ = source, L the positive second difference with free ends."""
+    """φ of (down · L_rows + right · L_columns) φ = source, L the second difference with free ends."""
     from scipy.fft import dctn, idctn
 
     rows, columns = source.shape

@@ -2,8 +2,8 @@
 
     Σ_k ‖Ω_k^½ (y_k − A_k X)‖²
 
-A_k averages X over each pixel's footprint at its exact position: bilinear interpolation of the blurred map B X,
-exact for a box of a whole number of fused pixels, a close approximation for other shapes.
+A_k averages X over each pixel's footprint at its exact position: bilinear interpolation of the blurred map
+B X, exact for a box of a whole number of fused pixels, a close approximation for other shapes.
 """
 
 from dataclasses import dataclass
@@ -15,6 +15,7 @@ from solver.certificate import shrinkage, slope
 from solver.errors import FusionInputError
 from solver.kernels import footprint as kernels
 from solver.kernels.prior import PAD
+from solver.primal_dual import State
 from solver.prior import Prior
 
 
@@ -99,9 +100,13 @@ class AreaTerm:
 
     @property
     def curvature(self) -> float:
-        """An upper bound of the largest eigenvalue of 2 Bᵀ M B: ‖B‖ = 1, and M's largest row sum."""
-        rows = _row_sums(self._stencil)
-        return 2.0 * float(rows.max())
+        """An upper bound of the largest eigenvalue of 2 Bᵀ M B: its largest row sum (nothing is negative)."""
+        ones = np.zeros_like(self._pull[0])
+        ones[PAD:-PAD, PAD:-PAD] = 1
+        sums = np.zeros_like(ones)
+        none = np.zeros_like(self._side[0])
+        kernels.gradient(ones, self._stencil, none, self._taps, self._size, ones.dtype.type(2), sums)
+        return float(sums.max())
 
     def steps(self, norm: float) -> tuple[float, float, float]:
         ratio = 0.5
@@ -128,7 +133,8 @@ class AreaTerm:
     def value(self, x: NDArray[np.floating]) -> float:
         return float(self._sums(x)[:, 3].sum())
 
-    def bound(self, x: NDArray[np.floating], dual: NDArray[np.floating], prior: Prior) -> float:
+    def bound(self, state: State, prior: Prior) -> float:
+        x = state.x
         sums = self._sums(x)
         # Moving the map by a constant makes the residuals' sum 0, as it is at the optimum.
         offset = (sums[:, 1] - sums[:, 2]) / sums[:, 0]
@@ -136,9 +142,9 @@ class AreaTerm:
         sums = self._sums(moved)
         inner = (slice(PAD, -PAD),) * 2
         _, step = self.pull(moved, 1.0)
-        excess = slope(dual, prior.weights) - step[:, *inner]
+        excess = slope(state.dual, prior.weights) - step[:, *inner]
         excess -= excess.mean(axis=(1, 2), keepdims=True)
-        most = shrinkage(dual, prior.weights, excess)
+        most = shrinkage(state.dual, state.radius, prior.weights, excess)
         # r = 2 Ω (y − A X) has Σ r y = Σ Ω (y − A X)² + Σ Ω (y² − (A X)²), Σ r² / (4 Ω) = Σ Ω (y − A X)².
         square = float(sums[:, 3].sum())
         linear = square + float(sums[:, 4].sum())
@@ -153,10 +159,3 @@ class AreaTerm:
                 self._values, self._weights, self._positions, self._scale, self._offset, self._blurred
             )
         )
-
-
-def _row_sums(m: NDArray[np.floating]) -> NDArray[np.floating]:
-    """(nodes, nodes): the sum of each row of M."""
-    inner = (slice(1, -1), slice(1, -1))
-    total = m[0] + m[1] + m[2] + m[3] + m[4]
-    return np.asarray(total[inner] + m[1, 1:-1, :-2] + m[2, :-2, 1:-1] + m[3, :-2, :-2] + m[4, :-2, 2:])

@@ -28,6 +28,8 @@ class State:
     x: NDArray[np.floating]
     over: NDArray[np.floating]
     dual: NDArray[np.floating]
+    radius: NDArray[np.floating]
+    """λ by pixel, in units of λ: 1 everywhere unless the prior is weighted."""
 
 
 class Term(Protocol):
@@ -50,11 +52,8 @@ class Term(Protocol):
         """The term at a padded map."""
         ...
 
-    def bound(self, x: NDArray[np.floating], dual: NDArray[np.floating], prior: Prior) -> float:
-        """A lower bound of the least objective, good where x and dual are near their optimum.
-
-        Every group of dual is in its unit ball.
-        """
+    def bound(self, state: State, prior: Prior) -> float:
+        """A lower bound of the least objective, good near the optimum; every group of dual is in its ball."""
         ...
 
 
@@ -72,7 +71,7 @@ class Outcome:
 def start(initial: NDArray[np.floating]) -> State:
     """A state at the map (C, rows, columns)."""
     x = np.ascontiguousarray(np.pad(initial, [(0, 0), (kernels.PAD,) * 2, (kernels.PAD,) * 2]))
-    return State(x, x.copy(), np.zeros((len(x), 6, *x.shape[1:]), x.dtype))
+    return State(x, x.copy(), np.zeros((len(x), 6, *x.shape[1:]), x.dtype), np.ones_like(x[0]))
 
 
 def minimise(
@@ -96,7 +95,7 @@ def minimise(
     up = kernels.tables(prior.weights.astype(kind), state.x.shape[2] - 4, sigma)
     down = prior.weights.astype(kind) * kind(tau)
     done, settled = 0, 0
-    history = [(0, term.value(state.x) + prior.value(state.x))]
+    history = [(0, term.value(state.x) + prior.value(state.x, state.radius))]
     while done < limit and settled < 2:
         count = min(_CHECK, limit - done)
         for _ in range(1 if term.fixed else count):
@@ -106,6 +105,7 @@ def minimise(
                 state.x,
                 state.over,
                 state.dual,
+                state.radius,
                 shrink,
                 pull,
                 up,
@@ -113,13 +113,13 @@ def minimise(
                 kind(rho),
             )
         done += count
-        value = term.value(state.x) + prior.value(state.x)
+        value = term.value(state.x) + prior.value(state.x, state.radius)
         history.append((done, value))
         earlier = min(p for k, p in history if k <= max(done // 2, 1))
         settled = settled + 1 if done > _CHECK and earlier - value <= tolerance * value else 0
         if progress is not None:
             progress(done, value * scale, None)
-    kernels.project(state.dual)
-    bound = term.bound(state.x, state.dual, prior)
+    kernels.project(state.dual, state.radius)
+    bound = term.bound(state, prior)
     gap = max(0.0, value - bound) / value if value > 0 else 0.0
     return Outcome(state, done, value, gap, settled >= 2 or gap <= tolerance)

@@ -13,6 +13,7 @@ from solver.certificate import slope
 from solver.errors import FusionInputError
 from solver.kernels import sparse as kernels
 from solver.kernels.prior import PAD
+from solver.primal_dual import State
 from solver.prior import Prior
 
 
@@ -77,8 +78,8 @@ class SparseTerm:
     def value(self, x: NDArray[np.floating]) -> float:
         return float(kernels.misfit(x[0], self._weight, self._mean)) + self._constant
 
-    def bound(self, x: NDArray[np.floating], dual: NDArray[np.floating], prior: Prior) -> float:  # noqa: ARG002
-        tilt = slope(dual, prior.weights)[0]
+    def bound(self, state: State, prior: Prior) -> float:
+        tilt = slope(state.dual, prior.weights)[0]
         inner = (slice(PAD, -PAD),) * 2
         weight, mean = self._weight[inner], self._mean[inner]
         return float(kernels.least(tilt, weight, mean, self._low, self._high)) + self._constant

@@ -17,8 +17,8 @@ _TILE_ROWS = 36
 
 
 @njit(fastmath=True)
-def _ascend(i, over, dual, up, rho):  # type: ignore[no-untyped-def]
-    """dual ← dual + ρ (projection of (dual + σ ∇over) onto the unit ball − dual), row i, one channel."""
+def _ascend(i, over, dual, up, radius, rho):  # type: ignore[no-untyped-def]
+    """dual ← dual + ρ (projection of (dual + σ ∇over) onto its ball − dual), row i, one channel."""
     n = over.shape[1] - 4
     here, right, right2 = over[i, 2 : 2 + n], over[i, 3 : 3 + n], over[i, 4 : 4 + n]
     down, diagonal, antidiagonal = over[i + 1, 2 : 2 + n], over[i + 1, 3 : 3 + n], over[i + 1, 1 : 1 + n]
@@ -26,9 +26,10 @@ def _ascend(i, over, dual, up, rho):  # type: ignore[no-untyped-def]
     p0, p1, p2 = dual[0, i, 2 : 2 + n], dual[1, i, 2 : 2 + n], dual[2, i, 2 : 2 + n]
     p3, p4, p5 = dual[3, i, 2 : 2 + n], dual[4, i, 2 : 2 + n], dual[5, i, 2 : 2 + n]
     w0, w1, w2, w3, w4, w5 = up[0], up[1], up[2], up[3], up[4], up[5]
+    reach = radius[i, 2 : 2 + n]
     keep = 1 - rho
     for j in range(n):
-        x = here[j]
+        x, r = here[j], reach[j]
         o0, o1, o2, o3, o4, o5 = p0[j], p1[j], p2[j], p3[j], p4[j], p5[j]
         a0 = o0 + w0[j] * (x - right[j])
         a1 = o1 + w1[j] * (x - down[j])
@@ -37,7 +38,7 @@ def _ascend(i, over, dual, up, rho):  # type: ignore[no-untyped-def]
         a4 = o4 + w4[j] * (x - right2[j])
         a5 = o5 + w5[j] * (x - down2[j])
         square = a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3 + a4 * a4 + a5 * a5
-        s = rho / np.sqrt(max(np.float32(1), square))
+        s = rho * r / np.sqrt(max(r * r, square))
         p0[j] = keep * o0 + s * a0
         p1[j] = keep * o1 + s * a1
         p2[j] = keep * o2 + s * a2
@@ -111,7 +112,9 @@ def _descend(i, x, over, dual, down, shrink, pull, rho):  # type: ignore[no-unty
 
 
 @njit(fastmath=True)
-def _sweep(ascend, descend, x, over, dual, shrink, pull, up, down, rho):  # type: ignore[no-untyped-def]
+def _sweep(  # type: ignore[no-untyped-def]
+    ascend, descend, x, over, dual, radius, shrink, pull, up, down, rho
+):
     """One iteration over some rows: a row of the map moves once all groups that see it have moved."""
     channels, rows = x.shape[0], x.shape[1] - 4
     factor = np.empty(x.shape[2] - 4, x.dtype)
@@ -120,13 +123,14 @@ def _sweep(ascend, descend, x, over, dual, shrink, pull, up, down, rho):  # type
         if ascend[0] <= row < ascend[1]:
             weights = up[max(0, row + 3 - rows)]
             if channels == 1:
-                _ascend(i, over[0], dual[0], weights, rho)
+                _ascend(i, over[0], dual[0], weights, radius, rho)
             else:
                 factor[:] = 0
                 for c in range(channels):
                     _squares(i, over[c], dual[c], weights, factor)
+                reach = radius[i, 2 : 2 + factor.size]
                 for j in range(factor.size):
-                    factor[j] = rho / np.sqrt(max(np.float32(1), factor[j]))
+                    factor[j] = rho * reach[j] / np.sqrt(max(reach[j] * reach[j], factor[j]))
                 for c in range(channels):
                     _scale(i, over[c], dual[c], weights, factor, rho)
         if descend[0] <= row < descend[1]:
@@ -135,13 +139,15 @@ def _sweep(ascend, descend, x, over, dual, shrink, pull, up, down, rho):  # type
 
 
 @njit(parallel=True, fastmath=True, cache=True)
-def iterate(iterations, x, over, dual, shrink, pull, up, down, rho):  # type: ignore[no-untyped-def]
+def iterate(  # type: ignore[no-untyped-def]
+    iterations, x, over, dual, radius, shrink, pull, up, down, rho
+):
     """Run iterations in place: tiles of rows side by side, then the two rows either side of each seam.
 
     Args:
         iterations: how many, with the same `shrink` and `pull`.
         x, over: (C, rows, columns), padded; the map and its extrapolation.
-        dual: (C, 6, rows, columns), padded.
+        dual: (C, 6, rows, columns), padded; radius: (rows, columns), padded, of each group's ball.
         shrink: (rows, columns), padded; pull: (C, rows, columns), padded: the data term's step.
         up: (3, 6, columns) and down: (6,), the differences' weights times the dual and the primal step.
         rho: over-relaxation, from 1 up to below 2.
@@ -159,38 +165,58 @@ def iterate(iterations, x, over, dual, shrink, pull, up, down, rho):  # type: ig
                 else:
                     ascend = (end - PAD, end)
                     descend = (end - PAD, end + PAD)
-                _sweep(ascend, descend, x, over, dual, shrink, pull, up, down, rho)
+                _sweep(ascend, descend, x, over, dual, radius, shrink, pull, up, down, rho)
+
+
+@njit(fastmath=True)
+def _gradient_squares(row, x, up, square):  # type: ignore[no-untyped-def]
+    """Add ‖∇x‖² of a row, all channels."""
+    channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
+    weights = up[max(0, row + 3 - rows)]
+    w0, w1, w2, w3, w4, w5 = weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
+    for c in range(channels):
+        a, b, d = x[c, row + 2], x[c, row + 3], x[c, row + 4]
+        here, right, right2 = a[2 : 2 + n], a[3 : 3 + n], a[4 : 4 + n]
+        down, diagonal, antidiagonal, down2 = b[2 : 2 + n], b[3 : 3 + n], b[1 : 1 + n], d[2 : 2 + n]
+        for j in range(n):
+            v = here[j]
+            g0, g1, g2 = w0[j] * (v - right[j]), w1[j] * (v - down[j]), w2[j] * (v - diagonal[j])
+            g3, g4, g5 = w3[j] * (v - antidiagonal[j]), w4[j] * (v - right2[j]), w5[j] * (v - down2[j])
+            square[j] += g0 * g0 + g1 * g1 + g2 * g2 + g3 * g3 + g4 * g4 + g5 * g5
 
 
 @njit(parallel=True, fastmath=True, cache=True)
-def total(x, up):  # type: ignore[no-untyped-def]
-    """Σ ‖∇x‖₂ over pixels, all channels in one group; `up` made for a dual step of 1."""
-    channels, rows = x.shape[0], x.shape[1] - 4
+def total(x, radius, up):  # type: ignore[no-untyped-def]
+    """Σ radius ‖∇x‖₂ over pixels, all channels in one group; `up` made for a dual step of 1."""
+    rows = x.shape[1] - 4
     sums = np.zeros(rows)
     for row in prange(rows):
         n = x.shape[2] - 4
         square = np.zeros(n, x.dtype)
-        weights = up[max(0, row + 3 - rows)]
-        w0, w1, w2, w3, w4, w5 = weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
-        for c in range(channels):
-            a, b, d = x[c, row + 2], x[c, row + 3], x[c, row + 4]
-            here, right, right2 = a[2 : 2 + n], a[3 : 3 + n], a[4 : 4 + n]
-            down, diagonal, antidiagonal, down2 = b[2 : 2 + n], b[3 : 3 + n], b[1 : 1 + n], d[2 : 2 + n]
-            for j in range(n):
-                v = here[j]
-                g0, g1, g2 = w0[j] * (v - right[j]), w1[j] * (v - down[j]), w2[j] * (v - diagonal[j])
-                g3, g4, g5 = w3[j] * (v - antidiagonal[j]), w4[j] * (v - right2[j]), w5[j] * (v - down2[j])
-                square[j] += g0 * g0 + g1 * g1 + g2 * g2 + g3 * g3 + g4 * g4 + g5 * g5
-        value = 0.0
+        _gradient_squares(row, x, up, square)
+        value, reach = 0.0, radius[row + 2, 2 : 2 + n]
         for j in range(n):
-            value += np.sqrt(square[j])
+            value += reach[j] * np.sqrt(square[j])
         sums[row] = value
     return sums.sum()
 
 
 @njit(parallel=True, fastmath=True, cache=True)
-def project(dual):  # type: ignore[no-untyped-def]
-    """Bring every group of dual (C, 6, rows, columns) into the unit ball, which over-relaxation may leave."""
+def norms(x, up, out):  # type: ignore[no-untyped-def]
+    """out (rows + 4, columns + 4) ← ‖∇x‖₂ by pixel; `up` made for a dual step of 1."""
+    rows = x.shape[1] - 4
+    for row in prange(rows):
+        n = x.shape[2] - 4
+        square = np.zeros(n, x.dtype)
+        _gradient_squares(row, x, up, square)
+        target = out[row + 2, 2 : 2 + n]
+        for j in range(n):
+            target[j] = np.sqrt(square[j])
+
+
+@njit(parallel=True, fastmath=True, cache=True)
+def project(dual, radius):  # type: ignore[no-untyped-def]
+    """Bring every group of dual (C, 6, rows, columns) into its ball, which over-relaxation may leave."""
     channels, rows, columns = dual.shape[0], dual.shape[2], dual.shape[3]
     for i in prange(rows):
         square = np.zeros(columns, dual.dtype)
@@ -199,8 +225,9 @@ def project(dual):  # type: ignore[no-untyped-def]
                 row = dual[c, k, i]
                 for j in range(columns):
                     square[j] += row[j] * row[j]
+        reach = radius[i]
         for j in range(columns):
-            square[j] = 1 / np.sqrt(max(np.float32(1), square[j]))
+            square[j] = reach[j] / np.sqrt(max(reach[j] * reach[j], square[j], np.float32(1e-30)))
         for c in range(channels):
             for k in range(6):
                 row = dual[c, k, i]

@@ -1,0 +1,106 @@
+"""`phasor`: fuse what a pixel really measures, a complex number, instead of its angle.
+
+    E(Z) = Σ_k ‖y_k − A_k Z‖² + λ Σ ‖∇Z‖₂,   y = amplitude · exp(2πi · distance / ambiguity range)
+
+Z is complex, one group norm over real and imaginary parts and all offsets; distance = angle(Z),
+amplitude = |Z|. A pixel at a depth edge averages the two phasors, not the two distances, and the noise is
+nearly uniform in the complex plane, so dark samples need no weights. The prior is reweighted twice (see
+`solver.reweighting`).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.errors import FusionInputError
+from solver.fill import nearest
+from solver.footprint import AreaTerm, Footprint
+from solver.primal_dual import State, start
+from solver.prior import Prior
+from solver.problem import Problem, Solution
+from solver.result import Progress
+from solver.reweighting import Reweighting, minimise_reweighted
+from solver.sampling import sample
+
+_AUTO = 0.8
+"""λ in units of one sample's deviation, both in units of the median amplitude."""
+
+_LEAST = 1e-3
+"""λ of noise-free frames, in units of the median amplitude."""
+
+_PASSES, _GAIN, _EPSILON = 2, 2.5, 0.07
+"""Reweighting; ε in units of the median amplitude."""
+
+_LOST = 4.0
+"""|Z| under this many deviations of the mean of N samples has lost its angle."""
+
+
+def solve(problem: Problem, *, initial: Solution | None = None, progress: Progress | None = None) -> Solution:
+    """Minimise E.
+
+    Distances are given from 0 up to the ambiguity range, NaN where |Z| is lost in its noise.
+    """
+    if problem.amplitude is None or problem.ambiguity_range is None:
+        raise FusionInputError("phasor needs amplitude and ambiguity_range")
+    used = np.isfinite(problem.distance) & np.isfinite(problem.amplitude)
+    lit = used & (problem.amplitude > 0)
+    if not lit.any():
+        raise FusionInputError("amplitude is 0 wherever there is a distance; phasor needs received light")
+    usual = float(np.median(problem.amplitude[lit]))
+    turn = 2 * np.pi / problem.ambiguity_range
+    sigma = turn * problem.noise / usual
+    asked = problem.options.regularization
+    strength = max(_AUTO * sigma, _LEAST) if asked == "auto" else float(asked)
+    phase = np.where(used, problem.distance, 0) * np.float32(turn)
+    size = np.where(used, problem.amplitude, 0) / np.float32(usual * strength)
+    values = np.stack([size * np.cos(phase), size * np.sin(phase)]).astype(np.float32)
+    factor = problem.options.upsampling
+    weights = used.astype(np.float32)
+    term = AreaTerm(values, weights, problem.positions, factor, Footprint())
+    state = _first(values, weights, problem, term.margin)
+    if initial is not None and initial.amplitude is not None:
+        _warm(state, initial, usual * strength, turn, term.margin)
+    outcome = minimise_reweighted(
+        term,
+        Prior(),
+        state,
+        Reweighting(_PASSES, _GAIN, _EPSILON / strength),
+        tolerance=problem.options.tolerance,
+        limit=problem.options.max_iterations,
+        scale=(strength * usual) ** 2,
+        progress=progress,
+    )
+    inner = slice(2 + term.margin, -2 - term.margin)
+    real, imaginary = outcome.state.x[:, inner, inner] * np.float32(strength)
+    distance = np.mod(np.arctan2(imaginary, real), np.float32(2 * np.pi)) / np.float32(turn)
+    amplitude = np.hypot(real, imaginary)
+    lost = amplitude < _LOST * sigma / np.sqrt(len(values[0]))
+    return Solution(
+        np.where(lost, np.float32(np.nan), distance.astype(np.float32)),
+        amplitude * np.float32(usual),
+        strength,
+        outcome.iterations,
+        outcome.objective * (strength * usual) ** 2,
+        outcome.gap,
+        outcome.converged,
+    )
+
+
+def _first(values: NDArray[np.float32], weights: NDArray[np.float32], problem: Problem, margin: int) -> State:
+    """The nearest sample's phasor at every pixel."""
+    channels = []
+    for channel in values:
+        samples = sample(channel, weights, problem.positions, problem.options.upsampling)
+        channels.append(np.pad(nearest(samples.mean, samples.weight > 0), margin, mode="edge"))
+    return start(np.stack(channels))
+
+
+def _warm(state: State, initial: Solution, unit: float, turn: float, margin: int) -> None:
+    """Start from another map where it is known."""
+    if initial.amplitude is None:
+        return
+    known = np.isfinite(initial.distance) & np.isfinite(initial.amplitude)
+    size, phase = initial.amplitude[known] / unit, initial.distance[known] * turn
+    inner = slice(2 + margin, -2 - margin)
+    for channel, part in zip(state.x, (np.cos(phase), np.sin(phase)), strict=True):
+        channel[inner, inner][known] = size * part
+    state.over[...] = state.x
