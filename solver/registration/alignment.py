@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from solver.errors import FusionInputError, RegistrationError
 from solver.geometry import rotations_to_shifts, shifts_to_rotations
 from solver.registration.gauss_newton import POSITION_ERROR, Equations, normal_equations, solve_steps
-from solver.registration.mosaic import Grid, Mosaic, build_mosaic, steep_samples
+from solver.registration.mosaic import Grid, Mosaic, build_mosaic, resampled, steep_samples
 from solver.registration.motion import Motion, Shift, Turn
 from solver.registration.samples import Samples, Source, make_samples, pyramid
 from solver.registration.start import search_shifts
@@ -20,7 +20,8 @@ OVERLAP = 0.3  # share of a frame's pixels that the other frames must cover
 STEP = 0.002  # pixels; a tenth of what matters for the fusion
 COARSE_STEP = 0.05  # pixels; the finer level goes on
 ALIASED = 0.2  # pixels; position error of a mosaic of one frame, whose edges alias
-STEEP = 0.15  # share of the mosaic that is looked at in the end: its edges
+SMOOTHING = 3.0  # λ; a tenth lets noise into the mosaic and biases high noise, ten times blurs it
+SWEEPS = 4  # of conjugate gradients per Gauss–Newton step; twelve change nothing
 DENSITY = (
     2.118  # nodes per pixel: the footprint's first zero is at one cycle a pixel, the Nyquist limit of two
 )
@@ -180,16 +181,12 @@ class _Work:
     def align_together(self) -> None:
         """Refine all frames against their common mosaic, coarse to fine; reject what still does not fit."""
         for _ in range(3):  # rejecting a frame changes the mosaic, so the rest is refined again
-            samples = self.levels[0]
+            samples, coarser = self.levels[0], None
             if len(self.levels) > 1:
-                pooled = self.levels[1]
-                _, mosaic = self._refine_jointly(pooled, most=2)
-                near = self._positions(samples) * np.float32(0.5) - np.float32(
-                    0.25
-                )  # full-resolution pixels on the pooled grid
-                steep = steep_samples(mosaic, near, STEEP)
-                samples = replace(samples, weights=samples.weights * steep)
-            equations, _ = self._refine_jointly(samples, most=8)
+                _, coarser = self._refine_jointly(self.levels[1], most=2)
+                near = self._positions(samples) * np.float32(0.5) - np.float32(0.25)  # on the pooled grid
+                samples = replace(samples, weights=samples.weights * steep_samples(coarser, near))
+            equations, _ = self._refine_jointly(samples, most=8, coarser=coarser)
             misfits = self._misfits(equations)
             if not misfits:
                 return
@@ -233,21 +230,23 @@ class _Work:
             samples.values[:, one], samples.weights[one], positions, grid, smoothing=0.3, sweeps=8
         )
 
-    def _refine_jointly(self, samples: Samples, most: int) -> tuple[Equations, Mosaic]:
+    def _refine_jointly(
+        self, samples: Samples, most: int, coarser: Mosaic | None = None
+    ) -> tuple[Equations, Mosaic]:
         """Against the mosaic of all frames that are not rejected."""
         weights = samples.weights * self.active[:, None, None]
         positions = self._positions(samples)
         grid = Grid.over(positions[self.active], DENSITY)
-        mosaic: Mosaic | None = None
+        start = None if coarser is None else resampled(coarser, grid, factor=0.5)
         while True:
             mosaic = build_mosaic(
-                samples.values, weights, positions, grid, smoothing=3.0, sweeps=12, start=mosaic
+                samples.values, weights, positions, grid, smoothing=SMOOTHING, sweeps=SWEEPS, start=start
             )
             equations = normal_equations(samples, positions, mosaic, self.motion, POSITION_ERROR)
             most -= 1
             if self._step(equations, hold_reference=False) < STEP or most == 0:
                 return equations, mosaic
-            positions = self._positions(samples)
+            positions, start = self._positions(samples), mosaic.values
 
     def _equations(self, samples: Samples, mosaic: Mosaic, position_error: float) -> Equations:
         return normal_equations(samples, self._positions(samples), mosaic, self.motion, position_error)
@@ -274,9 +273,9 @@ class _Work:
         found: dict[int, str] = {}
         others = self.active
         others[self.reference] = False
-        usual = float(np.median(equations.misfit_at_edges[others])) if others.any() else 0.0
+        usual = float(np.median(equations.misfit[others])) if others.any() else 0.0
         for k in np.flatnonzero(others):
-            overlap, misfit = equations.overlap[k], equations.misfit_at_edges[k]
+            overlap, misfit = equations.overlap[k], equations.misfit[k]
             if overlap < OVERLAP:
                 found[int(k)] = (
                     f"overlaps the other frames by {100 * overlap:.0f} %; {100 * OVERLAP:.0f} % are needed"

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.registration.mosaic import Mosaic
+from solver.registration.mosaic import FLAT, UNSEEN, Mosaic
 from solver.registration.motion import Motion
 from solver.registration.samples import Samples
 
@@ -22,14 +22,13 @@ class Equations:
     """Per frame: normal matrix (N, 3, 3), right side (N, 3), and how well the frame fits.
 
     `overlap` is the share of the frame's used samples that the mosaic covers; `misfit` the mean residual in
-    deviations, each cut at 4, `misfit_at_edges` the same weighted towards where the mosaic has a slope.
+    deviations, each cut at 4, where the mosaic is steep.
     """
 
     matrix: Float
     right: Float
     overlap: Float
     misfit: Float
-    misfit_at_edges: Float
 
 
 def normal_equations(
@@ -41,15 +40,14 @@ def normal_equations(
     of strong edges decides. Slopes are central differences: the cells' own would lean towards one node, and a
     frame whose pixels all sit alike on the grid, as the reference's do, would be pulled along.
     """
-    down, right = np.gradient(mosaic.values, 1 / mosaic.grid.density, axis=(1, 2))
     sums = _normal_equations(
         samples.values,
         samples.weights,
         positions,
         mosaic.values,
-        down,
-        right,
-        mosaic.covered,
+        mosaic.down,
+        mosaic.right,
+        mosaic.kind,
         np.array(mosaic.grid.origin, dtype=np.float32),
         mosaic.grid.density,
         motion.camera(samples.level).astype(np.float32),
@@ -60,28 +58,27 @@ def normal_equations(
     upper = np.triu_indices(3)
     matrix[:, upper[0], upper[1]] = sums[:, :6]
     matrix[:, upper[1], upper[0]] = sums[:, :6]
-    total, seen, misfit, edges, at_edges = sums[:, 9:].T
+    total, seen, trust, misfit = sums[:, 9:].T
     return Equations(
         matrix,
         sums[:, 6:9],
         seen / np.maximum(total, 1),
-        misfit / np.maximum(seen, 1),
-        at_edges / np.maximum(edges, 1e-9),
+        misfit / np.maximum(trust, 1e-9),
     )
 
 
 @numba.njit(cache=True, parallel=True, fastmath=True)
 def _normal_equations(  # type: ignore[no-untyped-def]
-    values, weights, positions, U, Uy, Ux, covered, origin, density, camera, rotational, position_error
+    values, weights, positions, U, Uy, Ux, kind, origin, density, camera, rotational, position_error
 ):
     channels, count, height, width = values.shape
     rows, columns = U.shape[1:]
-    sums = np.zeros((count, 14))
-    scale, one = np.float32(density), np.float32(1.0)
+    sums = np.zeros((count, 13))
+    scale, one, two = np.float32(density), np.float32(1.0), np.float32(2.0)
     blur2, weak2 = np.float32(position_error * position_error), np.float32(WEAK * WEAK)
     fy, fx, cy, cx = camera[0], camera[1], camera[2], camera[3]
     for k in numba.prange(count):
-        total = np.zeros(14)
+        total = np.zeros(13)
         for i in range(height):
             for j in range(width):
                 w = weights[k, i, j]
@@ -93,7 +90,11 @@ def _normal_equations(  # type: ignore[no-untyped-def]
                 if not (r >= 0.0 and c >= 0.0 and r < rows - 1 and c < columns - 1):
                     continue
                 m, n = int(r), int(c)
-                if not (covered[m, n] and covered[m + 1, n] and covered[m, n + 1] and covered[m + 1, n + 1]):
+                what = kind[m, n]
+                if what == UNSEEN:
+                    continue
+                total[10] += 1.0
+                if what == FLAT:
                     continue
                 a, d = r - np.float32(m), c - np.float32(n)
                 w00, w01, w10, w11 = (one - a) * (one - d), (one - a) * d, a * (one - d), a * d
@@ -118,10 +119,8 @@ def _normal_equations(  # type: ignore[no-untyped-def]
                 if deviations > HUBER:
                     weight *= np.float32(HUBER) / deviations
                 cut = min(deviations, np.float32(4.0))
-                total[10] += 1.0
-                total[11] += cut
-                total[12] += trust
-                total[13] += trust * cut
+                total[11] += trust
+                total[12] += trust * cut
                 if rotational:
                     # Derivatives of the position by a small turn about x, y and z, the lens left out.
                     x, y = (column - cx) / fx, (row - cy) / fy
@@ -130,12 +129,12 @@ def _normal_equations(  # type: ignore[no-untyped-def]
                 else:
                     y0, y1, y2 = fy, np.float32(0.0), np.float32(0.0)
                     x0, x1, x2 = np.float32(0.0), fx, np.float32(0.0)
-                total[0] += weight * (yy * y0 * y0 + 2 * yx * y0 * x0 + xx * x0 * x0)
+                total[0] += weight * (yy * y0 * y0 + two * yx * y0 * x0 + xx * x0 * x0)
                 total[1] += weight * (yy * y0 * y1 + yx * (y0 * x1 + y1 * x0) + xx * x0 * x1)
                 total[2] += weight * (yy * y0 * y2 + yx * (y0 * x2 + y2 * x0) + xx * x0 * x2)
-                total[3] += weight * (yy * y1 * y1 + 2 * yx * y1 * x1 + xx * x1 * x1)
+                total[3] += weight * (yy * y1 * y1 + two * yx * y1 * x1 + xx * x1 * x1)
                 total[4] += weight * (yy * y1 * y2 + yx * (y1 * x2 + y2 * x1) + xx * x1 * x2)
-                total[5] += weight * (yy * y2 * y2 + 2 * yx * y2 * x2 + xx * x2 * x2)
+                total[5] += weight * (yy * y2 * y2 + two * yx * y2 * x2 + xx * x2 * x2)
                 total[6] += weight * (yr * y0 + xr * x0)
                 total[7] += weight * (yr * y1 + xr * x1)
                 total[8] += weight * (yr * y2 + xr * x2)

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-DILATE = 5
+UNSEEN, FLAT, STEEP = 0, 1, 2
+STEEPEST = 0.18  # share of the mosaic that counts as steep: its edges
 EPSILON = 0.3  # of a deviation between nodes: where the prior turns from quadratic to absolute
 
 
@@ -56,10 +57,12 @@ class Grid:
 
 @dataclass(frozen=True, slots=True)
 class Mosaic:
-    """U (C, rows, columns) and where it rests on data."""
+    """U (C, rows, columns), its slopes per pixel, and each node's kind (`UNSEEN`, `FLAT`, `STEEP`)."""
 
     values: Image
-    covered: Mask
+    down: Image
+    right: Image
+    kind: NDArray[np.uint8]
     grid: Grid
 
 
@@ -71,37 +74,60 @@ def build_mosaic(
     *,
     smoothing: float,
     sweeps: int,
-    start: Mosaic | None = None,
+    start: Image | None = None,
 ) -> Mosaic:
     """U from samples (C, N, H, W), weights 1/σ² (N, H, W) of typically one, at positions (N, H, W, 2).
 
     Args:
         smoothing: λ in units of 1/σ, σ the typical deviation of a sample.
         sweeps: conjugate-gradient steps per reweighting.
-        start: an earlier mosaic on the same grid.
+        start: a first U on the same grid.
     """
     stencil, right = _accumulate(values, weights, positions, *grid.origin, grid.density, *grid.size)
-    image = _weighted_mean(stencil, right) if start is None else start.values.copy()
+    image = _weighted_mean(stencil, right) if start is None else start
     for _ in range(2 if start is None else 1):
         stiff = _stiffened(stencil, image, smoothing, EPSILON / grid.density)
-        _conjugate_gradients(stiff, right, image, sweeps)
+        image = _conjugate_gradients(stiff, right, image, sweeps)
+    down, across = np.empty_like(image), np.empty_like(image)
+    square = _slopes(image, grid.density, down, across)
     mass = cv2.blur(stencil[0], (3, 3))
-    seen = mass[mass > 0]
-    covered = mass > (0.1 * float(np.median(seen)) if seen.size else 0.0)
-    return Mosaic(image, covered, grid)
+    seen = mass[::3, ::3]
+    covered = mass > (0.1 * float(np.median(seen[seen > 0])) if seen.any() else 0)
+    return Mosaic(image, down, across, _kinds(square, covered), grid)
 
 
-def steep_samples(mosaic: Mosaic, positions: Image, share: float) -> Mask:
-    """Samples (N, H, W) within a node or two of the steepest `share` of the mosaic.
+def _kinds(square: Image, covered: Mask) -> NDArray[np.uint8]:
+    """Nodes seen, and those within two nodes of the steepest part of the mosaic."""
+    kind = np.where(covered, FLAT, UNSEEN).astype(np.uint8)
+    some = square[::3, ::3][covered[::3, ::3]]  # a ninth of the nodes tells the quantile
+    if some.size:
+        limit = float(np.quantile(some, 1 - STEEPEST))
+        near = cv2.dilate((covered & (square >= limit)).astype(np.uint8), np.ones((5, 5), np.uint8))
+        kind[covered & (near > 0)] = STEEP
+    return kind
 
-    Elsewhere a displacement changes little, so registration need not look.
-    """
-    down, right = np.gradient(mosaic.values, axis=(1, 2))
-    square = (down * down + right * right).sum(axis=0)
-    square[~mosaic.covered] = 0
-    limit = np.quantile(square[mosaic.covered][::7], 1 - share)  # every seventh node tells the quantile
-    steep = cv2.dilate((square >= limit).astype(np.uint8), np.ones((DILATE, DILATE), np.uint8))
-    found: Mask = _lookup(steep, positions, *mosaic.grid.origin, mosaic.grid.density)
+
+def resampled(mosaic: Mosaic, grid: Grid, factor: float) -> Image:
+    """A mosaic's U at the nodes of a grid whose pixels are `factor` of the mosaic's, edges repeated."""
+    scale = mosaic.grid.density * factor / grid.density
+    offset = [
+        ((place + 0.5) * factor - 0.5 - start) * mosaic.grid.density
+        for place, start in zip(grid.origin, mosaic.grid.origin, strict=True)
+    ]
+    matrix = np.array([[scale, 0, offset[1]], [0, scale, offset[0]]])
+    size = (grid.size[1], grid.size[0])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.stack(
+        [
+            cv2.warpAffine(image, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+            for image in mosaic.values
+        ]
+    ).astype(np.float32, copy=False)
+
+
+def steep_samples(mosaic: Mosaic, positions: Image) -> Mask:
+    """Samples (N, H, W) that lie where the mosaic is steep: elsewhere a displacement changes little."""
+    found: Mask = _lookup(mosaic.kind, positions, *mosaic.grid.origin, mosaic.grid.density)
     return found
 
 
@@ -116,7 +142,7 @@ def _lookup(image, positions, row0, column0, density):  # type: ignore[no-untype
             r = (positions[k, i, j, 0] - row0) * density + 0.5
             c = (positions[k, i, j, 1] - column0) * density + 0.5
             if r >= 0.0 and c >= 0.0 and r < rows and c < columns:
-                found[k, i, j] = image[int(r), int(c)] != 0
+                found[k, i, j] = image[int(r), int(c)] == STEEP
     return found
 
 
@@ -224,21 +250,42 @@ def _stiffened(stencil, image, strength, epsilon):  # type: ignore[no-untyped-de
     return result
 
 
-def _conjugate_gradients(stencil: Image, right: Image, image: Image, steps: int) -> None:
-    """Improve `image` in place; preconditioned by the diagonal."""
-    direction = np.zeros_like(image)
-    residual = np.empty_like(image)
+@numba.njit(cache=True, parallel=True, fastmath=True)
+def _slopes(image, density, down, across):  # type: ignore[no-untyped-def]
+    """Central differences per pixel into `down` and `across`; returns |∇U|² (rows, columns)."""
+    channels, rows, columns = image.shape
+    square = np.zeros((rows, columns), dtype=np.float32)
+    half = np.float32(0.5 * density)
+    for i in numba.prange(rows):
+        up, low = max(i - 1, 0), min(i + 1, rows - 1)
+        for h in range(channels):
+            above, below, x = image[h, up], image[h, low], image[h, i]
+            before, after, middle = x[:-2], x[2:], across[h, i, 1:-1]
+            for j in range(columns):
+                down[h, i, j] = half * (below[j] - above[j])
+            for j in range(columns - 2):
+                middle[j] = half * (after[j] - before[j])
+            across[h, i, 0] = across[h, i, columns - 1] = np.float32(0.0)
+            for j in range(columns):
+                square[i, j] += down[h, i, j] * down[h, i, j] + across[h, i, j] * across[h, i, j]
+    return square
+
+
+def _conjugate_gradients(stencil: Image, right: Image, start: Image, steps: int) -> Image:
+    """Preconditioned by the diagonal."""
+    image, direction = start.copy(), np.zeros_like(start)
+    residual, product = np.empty_like(start), np.empty_like(start)
     _multiply(stencil, image, residual)
     np.subtract(right, residual, out=residual)
-    product = np.empty_like(image)
     energy, ratio = float(_energy(stencil[0], residual)), 0.0
     for _ in range(steps):
         if not energy > 0:
-            return
+            break
         _turn(stencil[0], residual, direction, ratio)
-        step = energy / _multiply(stencil, direction, product)
+        step = energy / float(_multiply(stencil, direction, product))
         fresh = float(_advance(stencil[0], image, residual, direction, product, step))
         ratio, energy = fresh / energy, fresh
+    return image
 
 
 @numba.njit(cache=True, parallel=True, fastmath=True)

@@ -123,7 +123,7 @@ def _weighted(values: Image, valid: NDArray[np.bool_], relative: Image) -> Sampl
 
 @dataclass(frozen=True, slots=True)
 class _Statistics:
-    """Of about thirty rows of every frame, which is plenty: noise c² in σ = c · relative, range, medians."""
+    """Of about sixteen rows of every frame, which is plenty: noise c² in σ = c · relative, range, medians."""
 
     noise: float
     spread: float
@@ -132,7 +132,7 @@ class _Statistics:
 
     @classmethod
     def of(cls, values: Image, valid: NDArray[np.bool_], relative: Image) -> "_Statistics | None":
-        rows = slice(None, None, max(1, values.shape[2] // 32))
+        rows = slice(None, None, max(1, values.shape[2] // 16))
         kept, some, factor = values[:, :, rows], valid[:, rows], relative[:, rows]
         if not some.any():
             kept, some, factor = values, valid, relative

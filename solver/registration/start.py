@@ -32,6 +32,7 @@ def search_shifts(
 def _search(values, weights, reference, middle, rows, columns):  # type: ignore[no-untyped-def]
     channels, count, height, width = values.shape
     found = np.zeros((count, 2), dtype=np.int64)
+    stride = 1 if height < 32 else 2  # every second row is plenty
     one, knee = np.float32(1.0), np.float32(HALF * HALF)
     # w v / (w + v) = 1 / (1/w + 1/v); a pixel that is not used has a huge variance.
     variance = np.empty_like(weights)
@@ -43,13 +44,13 @@ def _search(values, weights, reference, middle, rows, columns):  # type: ignore[
     for k in numba.prange(count):
         if k == reference:
             continue
-        own = (weights[k] > 0).sum()
+        own = (weights[k, ::stride] > 0).sum()
         lowest = np.inf
         for a in range(-rows, rows + 1):
             for b in range(-columns, columns + 1):
                 dy, dx = middle[k, 0] + a, middle[k, 1] + b
                 cost, seen = np.float32(0.0), np.float32(0.0)
-                for i in range(max(0, -dy), min(height, height - dy)):
+                for i in range(max(0, -dy), min(height, height - dy), stride):
                     first, last = max(0, -dx), min(width, width - dx)
                     used, other = variance[k, i], variance[reference, i + dy]
                     for j in range(first, last):
