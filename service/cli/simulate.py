@@ -18,7 +18,7 @@ def simulate(
         str,
         typer.Option(
             help="wedges: thin wedges, panels with holes, many edges; objects: ball, basket, cup, a box with "
-            "black print; plane, step, sphere: simple ones.",
+            "black print; plane, step, sphere: simple ones; board: to calibrate with.",
             rich_help_panel=_POSES,
         ),
     ] = "wedges",
