@@ -113,17 +113,20 @@ class Daemon:
                 open_outlets(self.configuration, self.output, head, self._truth, lossless=self.once)
             )
             self._monitor = Monitor(self.rig, self._grabber.counts, self._worker, self._outlets)
-            stack.enter_context(published_log(lambda message: self._outlets.send([message])))
-            stack.enter_context(Heartbeat(self._beat))
-            return self._work()
+            began = time.monotonic()
+            # Neither status nor log may come once the recorders are closed.
+            with published_log(lambda message: self._outlets.send([message])), Heartbeat(self._beat):
+                self._work()
+            self._outlets.settle(_HANDOVER)
+            return self._summary(time.monotonic() - began)
 
-    def _work(self) -> RunSummary:
+    def _work(self) -> None:
+        """Capture and fuse until it is over."""
         capture = Capture(self._grabber, self._bursts(), self.configuration.plan.pause)
         self._watch.started(self)
         self._worker.wait_ready()
         notify(READY)
         self._monitor.state = "scanning"
-        began = time.monotonic()
         for burst in capture.run():
             self._outlets.send([calibration_message(burst.calibration, burst.reference.timestamp)])
             self._watch.burst(capture.counts.bursts)
@@ -136,8 +139,6 @@ class Daemon:
         self._worker.close()
         if self._worker.counts.fused == 0 and not self.stop.is_set():
             raise ServiceError(f"no burst could be fused: {self._why_nothing()}")
-        self._outlets.settle(_HANDOVER)
-        return self._summary(time.monotonic() - began)
 
     @contextmanager
     def _open_rig(self) -> Iterator[None]:

@@ -41,7 +41,7 @@ class RunSummary(_Part):
     maps: int = Field(ge=0, description="Bursts fused.")
     published: int = Field(ge=0, description="Messages handed to the publisher.")
     files: tuple[str, ...] = Field(description="Files written.")
-    seconds: float = Field(ge=0, description="From the first frame to the last thing handed over.")
+    seconds: float = Field(ge=0, description="From opening the devices to the last thing handed over.")
     lost: tuple[str, ...] = Field(description="What was lost, in words; empty = nothing.")
 
 
