@@ -156,7 +156,10 @@ class UsbCamera(Camera):
             raise DeviceLostError(f"{self._device} is lost ({failures})") from error
 
     def _is_plugged_in(self) -> bool:
-        there = {(device.bus, device.address) for device in find_cameras(self._known)}
+        try:
+            there = {(device.bus, device.address) for device in find_cameras(self._known)}
+        except NotAvailableError:
+            return False
         return self._device is not None and (self._device.bus, self._device.address) in there
 
     def _apply(self, settings: CameraSettings) -> CameraSettings:

@@ -3,7 +3,6 @@
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,15 +16,21 @@ from drivers.usb.profile import Profile, shipped_profiles
 SYSFS = Path("/sys/bus/usb/devices")
 
 
-@cache
 def libusb() -> usb.backend.IBackend:
-    """libusb, the system's or else the one from PyPI; raises `NotAvailableError` where there is neither."""
+    """A new context of libusb, the system's or else the one from PyPI.
+
+    A context lists the bus once and then trusts the kernel's hotplug messages, which do not reach every
+    container: a camera that was plugged in again would never be seen. A new one lists the bus itself.
+
+    Raises:
+        NotAvailableError: there is no libusb.
+    """
     import libusb_package
 
-    found = usb.backend.libusb1.get_backend(find_library=libusb_package.find_library)
-    if found is None:
+    loaded = usb.backend.libusb1.get_backend(find_library=libusb_package.find_library)
+    if loaded is None:
         raise NotAvailableError("libusb-1.0 cannot be loaded: install the package libusb-1.0-0 (Debian)")
-    return found
+    return type(loaded)(loaded.lib)
 
 
 @dataclass(frozen=True, eq=False)
