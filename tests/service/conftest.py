@@ -14,11 +14,21 @@ NOISE, SHAPE = 0.01, (36, 44)
 
 
 @pytest.fixture
-def endpoint() -> str:
-    """A loopback endpoint that is free."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+def free_endpoint() -> Callable[[], str]:
+    """Loopback endpoints that are free."""
+
+    def find() -> str:
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+    return find
+
+
+@pytest.fixture
+def endpoint(free_endpoint: Callable[[], str]) -> str:
+    """One of them."""
+    return free_endpoint()
 
 
 @pytest.fixture(scope="session")
