@@ -58,7 +58,7 @@ def average(table, view, fill: float, out) -> None:  # type: ignore[no-untyped-d
         view: (3, 3) homography from pixel coordinates to corners of the field's cells; `fits` must hold.
         fill: side of the sensitive square, in pixel pitches.
     """
-    half = 0.5 * fill
+    half, sums, stride = 0.5 * fill, table.ravel(), table.shape[1]
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
             total = area = 0.0
@@ -69,8 +69,8 @@ def average(table, view, fill: float, out) -> None:  # type: ignore[no-untyped-d
                     x = j + (n - 0.5) * half
                     right = _column(view, x + 0.5 * half, y)
                     top, bottom = _row(view, x, y - 0.5 * half), _row(view, x, y + 0.5 * half)
-                    total += _integral(table, right, bottom) - _integral(table, left, bottom)
-                    total += _integral(table, left, top) - _integral(table, right, top)
+                    total += _integral(sums, stride, right, bottom) - _integral(sums, stride, left, bottom)
+                    total += _integral(sums, stride, left, top) - _integral(sums, stride, right, top)
                     area += (right - left) * (bottom - top)
                     left = right
             out[i, j] = total / area
@@ -89,11 +89,12 @@ def _row(view, x: float, y: float) -> float:  # type: ignore[no-untyped-def]
 
 
 @_jit
-def _integral(table, x: float, y: float) -> float:  # type: ignore[no-untyped-def]
-    # Unsigned, so that the compiler need not look for indices counted from the end.
-    column, row = np.uint64(x), np.uint64(y)
+def _integral(sums, stride: int, x: float, y: float) -> float:  # type: ignore[no-untyped-def]
+    column, row = np.int64(x), np.int64(y)
     fx, fy = x - column, y - row
-    right, below = column + np.uint64(1), row + np.uint64(1)
-    above = table[row, column] + fx * (table[row, right] - table[row, column])
-    beneath = table[below, column] + fx * (table[below, right] - table[below, column])
-    return float(above + fy * (beneath - above))
+    # Unsigned, so that the compiler need not look for indices counted from the end.
+    here, next_to = np.uint64(row * stride + column), np.uint64(1)
+    below = here + np.uint64(stride)
+    upper = sums[here] + fx * (sums[here + next_to] - sums[here])
+    lower = sums[below] + fx * (sums[below + next_to] - sums[below])
+    return float(upper + fy * (lower - upper))
