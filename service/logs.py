@@ -53,6 +53,7 @@ class _Publishing(logging.Handler):
 def log_to_stream(level: int) -> None:
     """Log this service's records of at least `level` to standard output, time first (to the error stream
     where only warnings are wanted: standard output then belongs to the result)."""
+    logging.raiseExceptions = False  # a closed pipe at the other end is no reason to fill the error stream
     handler = logging.StreamHandler(sys.stderr if level >= logging.WARNING else sys.stdout)
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
     handler.addFilter(RepeatFilter())

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from threading import Lock
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from drivers.messages import Message
 from service.config import Configuration
-from service.errors import OutputError
+from service.directory import made_directory
 from service.fusion import FusedBurst
 from service.messages import points_message
 from service.previews import Previews
@@ -126,30 +126,13 @@ def open_outlets(
             shelf.start()
         file = previews = None
         if output is not None:
-            stack.enter_context(_directory(output))
+            stack.enter_context(made_directory(output))
             file = stack.enter_context(_file(output, head, lossless))
             if configuration.output.preview:
                 previews = Previews(output, truth, lossless=lossless)
                 stack.callback(previews.close)
         publisher = stack.enter_context(Publisher(session, configuration.zenoh.prefix, lossless=lossless))
         yield Outlets(publisher, shelf, file, previews)
-
-
-@contextmanager
-def _directory(path: Path) -> Iterator[None]:
-    """Make a directory; one that was made here and is still empty after an error goes again."""
-    existed = path.exists()
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{path}: the output directory cannot be made ({error.strerror})") from error
-    try:
-        yield
-    except BaseException:
-        if not existed:
-            with suppress(OSError):
-                path.rmdir()
-        raise
 
 
 @contextmanager

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -111,6 +111,7 @@ def _fuse_one(
 ) -> dict[str, Any]:
     """Fuse a recording; returns what is said of it as JSON."""
     from drivers.recording import open_recording
+    from service.directory import made_directory
     from service.offline import fuse_recording
     from service.preview import write_preview
     from service.quality import judge
@@ -119,10 +120,11 @@ def _fuse_one(
 
     recording = open_recording(path)
     calibration = configured_calibration(configuration.camera)
-    if target is not None:
-        target.parent.mkdir(parents=True, exist_ok=True)
     found: list[BurstSummary] = []
-    with _progress(path, recording.frame_count, quiet=quiet) as (announce, say):
+    with ExitStack() as stack:
+        if target is not None:
+            stack.enter_context(made_directory(target.parent))
+        announce, say = stack.enter_context(_progress(path, recording.frame_count, quiet=quiet))
         for result in fuse_recording(recording, configuration.fusion, calibration, target, announce):
             burst = summarize(result, judge(result, recording.truth))
             found.append(burst)

@@ -69,8 +69,8 @@ def test_the_bundled_recording_is_fused_published_and_written(tmp_path: Path) ->
     (burst,) = summary["fused"]
     assert (summary["frames"], summary["maps"], summary["lost"]) == (15, 1, [])
     assert (burst["report"]["width"], burst["report"]["height"]) == (704, 576)
-    # `nearest` is one frame: the two figures are the same by definition, and known for this recording.
-    assert burst["errors"]["rms"] == pytest.approx(burst["errors"]["nearest_rms"], rel=0.01)
+    # `nearest` is one frame: the two figures are the same, but for pixels too dark to use.
+    assert burst["errors"]["rms"] == pytest.approx(burst["errors"]["nearest_rms"], rel=0.03)
     assert 0.1 < burst["errors"]["rms"] < 0.2
     assert open_recording(tmp_path / "out" / "fused.mcap").truth is not None
     assert (tmp_path / "out" / "burst-0000.png").stat().st_size > 100_000
@@ -84,11 +84,7 @@ def test_what_was_done_is_said_with_units(small: Path) -> None:
 
 
 def test_a_torn_recording_is_fused_as_far_as_it_goes_and_the_loss_is_told(tmp_path: Path) -> None:
-    frames = [
-        frame(k, 10**18 + k * 10**8, burst=k // 4, pose=k % 4, counts=noise, amplitude=noise)
-        for k in range(12)
-        for noise in [np.random.default_rng(k).integers(10_000, 30_000, (4, 6), np.uint16)]
-    ]
+    frames = [frame(k, 10**18 + k * 10**8, burst=k // 4, pose=k % 4) for k in range(12)]
     whole = tmp_path / "whole.mcap"
     with RecordingWriter(whole) as writer:
         writer.write_calibration(calibration(), 0)
@@ -304,9 +300,9 @@ def test_a_running_service_ends_cleanly_on_sigterm(small: Path) -> None:
     assert service.stdout is not None
     for line in service.stdout:
         said.append(line)
-        if "burst 2: " in line:
+        if ": 4 of 4 frames" in line:
             service.send_signal(signal.SIGTERM)
             break
     rest, _ = service.communicate(timeout=60)
     assert service.returncode == 0, "".join(said) + rest
-    assert "maps" in rest.splitlines()[-1]
+    assert " maps, " in rest

@@ -1,0 +1,28 @@
+"""Directories for results."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from service.errors import OutputError
+
+
+@contextmanager
+def made_directory(path: Path) -> Iterator[Path]:
+    """Make a directory; one that was made here and is still empty after an error goes again.
+
+    Raises:
+        OutputError: it cannot be made.
+    """
+    existed = path.exists()
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{path}: the directory cannot be made ({error.strerror}); name another") from error
+    try:
+        yield path
+    except BaseException:
+        if not existed:
+            with suppress(OSError):
+                path.rmdir()
+        raise
