@@ -15,7 +15,6 @@ Everything is imported when it is first used, so that `import lidarboost` costs 
 """
 
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -36,12 +35,12 @@ _HOMES = {
 }
 
 
-def open_camera(name: str = "auto", *, recording: Path | str | None = None, **options: Any) -> "Camera":
+def open_camera(name: str = "auto", **options: Any) -> "Camera":
     """An open camera; close it, or use it in a `with` statement.
 
     Args:
-        name: the backend; `auto` = the first real camera found, else the recording.
-        recording: what `auto` plays where there is no real camera.
+        name: the backend; `auto` = the first real camera found, else the recording named by the option
+            `recording`.
         options: of the backend.
 
     Raises:
@@ -51,15 +50,8 @@ def open_camera(name: str = "auto", *, recording: Path | str | None = None, **op
         RecordingError: the recording cannot be read.
     """
     from drivers import make_camera
-    from drivers.clock import SystemClock
-    from service.config import CameraSection
-    from service.rig import find_camera
 
-    if name == "auto":
-        path = None if recording is None else Path(recording)
-        camera = find_camera(CameraSection(recording=path, options=options), SystemClock())
-    else:
-        camera = make_camera(name, options)
+    camera = make_camera(name, options)
     camera.open()
     return camera
 

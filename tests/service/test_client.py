@@ -3,6 +3,8 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +18,8 @@ from service.fusion import FusedBurst
 from service.messages import fused_messages, points_message
 from service.publisher import Publisher
 from service.session import open_session
+
+WEDGES = Path(__file__).parents[2] / "recordings" / "wedges.mcap"
 
 
 def test_latest_depth_comes_with_its_intrinsics(endpoint: str, fused: Callable[[int], FusedBurst]) -> None:
@@ -168,3 +172,20 @@ def test_everything_public_is_there() -> None:
         assert getattr(lidarboost, name) is not None
     with pytest.raises(AttributeError, match="no attribute 'fusion'"):
         lidarboost.fusion  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    "options", [{"name": "auto", "recording": WEDGES}, {"name": "replay", "path": WEDGES}]
+)
+def test_a_camera_is_opened_by_name_or_found(
+    options: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import lidarboost
+    from drivers.auto import AutoCamera
+
+    # No look for real cameras: whether one is connected here is not the question.
+    monkeypatch.setattr(AutoCamera, "_open_real", lambda _: None)
+    with lidarboost.open_camera(**options) as camera:
+        assert camera.capabilities.source == "replay"
+        camera.start()
+        assert camera.grab().shape == (144, 176)
