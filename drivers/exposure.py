@@ -9,22 +9,20 @@ microframes (USB 2.0, table 5-10)."""
 
 
 def mid_exposure(
-    requested: int, finished: int, integration_time: float | None, frame_bytes: int, waits: bool
+    requested: int, finished: int, shortest: float, longest: float, frame_bytes: int, waits: bool
 ) -> tuple[int, int]:
     """Middle of the exposure and the half-width of the interval that holds it, ns.
 
-    The exposure ends before the shortest possible transfer began, and lasts at least four integration
-    times. It begins after the request where the camera is known to wait for it; elsewhere the camera may
-    just have finished a frame when it was asked.
+    The exposure ended before the shortest possible transfer began. It began after the request where the
+    camera is known to wait for it; elsewhere the camera may just have finished a frame when it was asked.
 
     Args:
         requested, finished: clock before the request and after the last byte, ns.
-        integration_time: seconds per sample, None = unknown.
+        shortest, longest: seconds that the exposure of all samples takes at least and at most.
         frame_bytes: size of the frame on the bus.
         waits: whether the exposure surely begins after the request.
     """
-    half = round(SAMPLES * (integration_time or 0.0) * 1e9 / 2)
-    transfer = round(frame_bytes / BULK_RATE * 1e9)
-    earliest = requested + half if waits else requested - half
-    latest = max(finished - transfer - half, earliest)
+    earliest = requested + round((shortest if waits else -longest) / 2 * 1e9)
+    transfer = frame_bytes / BULK_RATE
+    latest = max(finished - round((transfer + shortest / 2) * 1e9), earliest)
     return (earliest + latest) // 2, (latest - earliest + 1) // 2

@@ -161,7 +161,7 @@ class MesaCamera(Camera):
         timestamp, uncertainty = mid_exposure(
             requested,
             finished,
-            integration_time,
+            *self._model.profile.exposure_bounds(integration_time),
             frame_bytes=rows * columns * 4,
             waits=bool(self._mode & Mode.SOFTWARE_TRIGGER),
         )

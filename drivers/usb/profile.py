@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from drivers.calibration import Calibration, sr3000_calibration, sr4000_calibration
 from drivers.errors import InitialisationError
+from drivers.exposure import SAMPLES
 from drivers.usb.steps import Byte, Step, Word
 
 Confidence = Literal["documented", "code", "measured", "inferred", "learned", "unknown"]
@@ -89,6 +90,11 @@ class Exposure(_Part):
     step: float = Field(gt=0)
     initial: float = Field(gt=0, description="Seconds set when the camera is opened.")
 
+    @property
+    def longest(self) -> float:
+        """Seconds at the largest register value."""
+        return self.offset + 0xFF * self.step
+
 
 class Registers(_Part):
     """Numbers of the registers that settings are written to."""
@@ -135,6 +141,16 @@ class Profile(_Part):
         for name in ("rows", "columns", "planes", "byte_order", "read_bytes"):
             yield f"image.{name}", getattr(self.image, name)
         yield "modulation_frequency", self.modulation_frequency
+
+    def exposure_bounds(self, integration_time: float | None) -> tuple[float, float]:
+        """Seconds that the exposure of a frame takes at least and at most; readout counts where it is known.
+
+        Args:
+            integration_time: seconds per sample, None = unknown.
+        """
+        longest = self.exposure.value.longest if self.exposure.value is not None else 0.0
+        at_most = integration_time if integration_time is not None else longest
+        return SAMPLES * (integration_time or 0.0), SAMPLES * (at_most + (self.readout.value or 0.0))
 
     def nominal_calibration(self) -> Calibration:
         """Nominal optics of the model; raises `InitialisationError` where they are unknown."""

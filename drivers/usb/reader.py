@@ -79,7 +79,7 @@ class FrameReader:
         timestamp, uncertainty = mid_exposure(
             requested,
             finished,
-            integration_time,
+            *self._profile.exposure_bounds(integration_time),
             self._profile.image.frame_bytes,
             waits=bool(waits.value) and usable(waits, allow_inferred=False),
         )
