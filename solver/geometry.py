@@ -94,7 +94,7 @@ def rotations_to_shifts(
     K, lens = camera_matrix(intrinsics), lens_coefficients(distortion)
     centre = np.array([(shape[0] - 1) / 2, (shape[1] - 1) / 2])
     ray = np.append(rays_through(centre, K, lens), 1.0)
-    turned = np.stack([rotation_matrix(turn) @ ray for turn in turns])
+    turned = rotation_matrix(turns) @ ray
     with np.errstate(divide="ignore", invalid="ignore"):
         x, y = turned[:, 0] / turned[:, 2], turned[:, 1] / turned[:, 2]
     u, v = distort(x, y, lens)[:2]

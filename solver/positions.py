@@ -52,7 +52,7 @@ def rotated_positions(
 ) -> NDArray[np.float32]:
     """Positions (N, H, W, 2) for rotation vectors (N, 3) that are known to be finite."""
     K, lens = camera_matrix(intrinsics), lens_coefficients(distortion)
-    matrices = np.stack([rotation_matrix(turn) for turn in rotations])
+    matrices = rotation_matrix(rotations)
     rays = pixel_rays(shape, K, lens)
     positions = np.empty((len(rotations), *shape, 2), dtype=np.float32)
     _project(rays, matrices, K, lens, tilt_matrix(lens), bool(lens.any()), positions)
@@ -60,10 +60,12 @@ def rotated_positions(
 
 
 def rotation_matrix(vector: ArrayLike) -> NDArray[np.float64]:
-    """Rodrigues' formula: the 3 × 3 matrix of a rotation vector in radians."""
-    x, y, z = np.asarray(vector, dtype=np.float64)
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    angle = float(np.sqrt(x * x + y * y + z * z))
+    """Rodrigues' formula: 3 × 3 matrices (..., 3, 3) of rotation vectors (..., 3) in radians."""
+    turn = np.asarray(vector, dtype=np.float64)
+    x, y, z = np.moveaxis(turn, -1, 0)
+    zero = np.zeros_like(x)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)
+    angle = np.sqrt(x * x + y * y + z * z)[..., None, None]
     sine = np.sinc(angle / np.pi)  # sin(a)/a
     half = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2  # (1 − cos a)/a²
     matrix: NDArray[np.float64] = np.eye(3) + sine * cross + half * (cross @ cross)
@@ -71,10 +73,17 @@ def rotation_matrix(vector: ArrayLike) -> NDArray[np.float64]:
 
 
 def rotation_vector(matrix: ArrayLike) -> NDArray[np.float64]:
-    """The rotation vector (radians) of a 3 × 3 rotation matrix."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(np.asarray(matrix)).as_rotvec(), dtype=np.float64)
+    """Rotation vectors (..., 3) in radians of matrices (..., 3, 3) that turn by less than half a turn."""
+    R = np.asarray(matrix, dtype=np.float64)
+    axis = 0.5 * np.stack(
+        [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1
+    )
+    sine = np.linalg.norm(axis, axis=-1)
+    cosine = 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1)
+    angle = np.arctan2(sine, cosine)
+    scale = np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 1.0)
+    vector: NDArray[np.float64] = axis * scale[..., None]
+    return vector
 
 
 def _checked(name: str, values: ArrayLike | None, shape: tuple[int, int]) -> NDArray[np.float64]:

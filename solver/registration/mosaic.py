@@ -340,7 +340,7 @@ def _energy(diagonal, residual):  # type: ignore[no-untyped-def]
         for h in range(channels):
             for j in range(columns):
                 dot += residual[h, i, j] * residual[h, i, j] / diagonal[i, j]
-        total += dot
+        total += float(dot)
     return total
 
 
@@ -367,5 +367,5 @@ def _advance(diagonal, image, residual, direction, product, step):  # type: igno
                 left = residual[h, i, j] - length * product[h, i, j]
                 residual[h, i, j] = left
                 dot += left * left / diagonal[i, j]
-        total += dot
+        total += float(dot)
     return total

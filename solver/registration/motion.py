@@ -70,17 +70,12 @@ class Turn:
 
     def moved(self, parameters: Float, steps: Float) -> Float:
         """Parameters after Gauss–Newton steps, which turn on top of the present rotation."""
-        return np.stack(
-            [
-                rotation_vector(rotation_matrix(step) @ rotation_matrix(turn))
-                for step, turn in zip(steps, parameters, strict=True)
-            ]
-        )
+        return rotation_vector(rotation_matrix(steps) @ rotation_matrix(parameters))
 
     def relative(self, parameters: Float, reference: int) -> Float:
         """Parameters with the frame `reference` at rest."""
         back = rotation_matrix(parameters[reference]).T
-        return np.stack([rotation_vector(back @ rotation_matrix(turn)) for turn in parameters])
+        return rotation_vector(back @ rotation_matrix(parameters))
 
     def unit(self) -> Float:
         """Size of each parameter that moves the image by about one pixel."""

@@ -30,9 +30,9 @@ class Samples:
 
     def pooled(self) -> "Samples":
         """Weighted 2 × 2 means; an odd last row or column is left out."""
-        weighted = self.values * self.weights
         total = _quads(self.weights)
-        mean = _quads(weighted) / np.where(total > 0, total, np.float32(1))
+        mean = _quads(self.values * self.weights)
+        np.divide(mean, total, out=mean, where=total > 0)
         # A block that is mostly missing would be a sample at another place.
         total[_quads(self.weights > 0) < 3] = 0
         return Samples(mean, total, self.level + 1)
