@@ -11,6 +11,7 @@ from threading import Event
 
 from drivers.frame import Frame
 from drivers.messages import calibration_message, frame_messages
+from drivers.poses import camera_rotation
 from service.burst import Burst
 from service.capture import Bursts, Capture, CarriedBursts, Grabber, ScanBursts
 from service.config import Configuration
@@ -124,7 +125,10 @@ class Daemon:
         """Capture and fuse until it is over."""
         capture = Capture(self._grabber, self._bursts(), self.configuration.plan.pause)
         self._watch.started(self)
-        self._worker.wait_ready()
+        calibration = self.rig.calibration
+        self._outlets.send([calibration_message(calibration, self.rig.clock.now())])
+        camera_rotation(0.0, 0.0, calibration.mount)  # imports a good part of SciPy, once, before frames come
+        self._worker.wait_ready(self.stop.is_set)
         notify(READY)
         self._monitor.state = "scanning"
         for burst in capture.run():

@@ -86,14 +86,15 @@ class FusionWorker:
             self._queue.append(burst)
             self._changed.notify_all()
 
-    def wait_ready(self) -> None:
-        """Wait until the kernels are compiled.
+    def wait_ready(self, stopping: Callable[[], bool]) -> None:
+        """Wait until the kernels are compiled, or `stopping` becomes true.
 
         Raises:
             WorkerError: the worker was given up.
         """
         with self._changed:
-            self._changed.wait_for(lambda: self._ready or self._ended())
+            while not (self._ready or self._ended() or stopping()):
+                self._changed.wait(0.2)
             self._check()
 
     @property
