@@ -8,7 +8,8 @@ from solver.options import FusionOptions, Method
 from solver.result import Fused, Progress, Report, Seconds
 
 if TYPE_CHECKING:
-    from solver.fuse import fuse
+    from solver.fusion import fuse
+    from solver.sliding import SlidingFusion
 
 __all__ = [
     "Fused",
@@ -21,11 +22,12 @@ __all__ = [
     "RegistrationError",
     "Report",
     "Seconds",
+    "SlidingFusion",
     "fuse",
 ]
 
 # Imported on use: they need Numba, which takes longer to import than most commands to run.
-_LAZY = {"fuse": "solver.fuse"}
+_LAZY = {"SlidingFusion": "solver.sliding", "fuse": "solver.fusion"}
 
 
 def __getattr__(name: str) -> Any:

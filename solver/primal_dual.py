@@ -74,6 +74,13 @@ def start(initial: NDArray[np.floating]) -> State:
     return State(x, x.copy(), np.zeros((len(x), 6, *x.shape[1:]), x.dtype), np.ones_like(x[0]))
 
 
+def warm(state: State, dual: NDArray[np.floating] | None) -> None:
+    """Let the state go on from its map, with the dual variables of a solve of the same shape if any."""
+    if dual is not None and dual.shape == state.dual.shape:
+        state.dual[...] = dual
+    state.over[...] = state.x
+
+
 def minimise(
     term: Term,
     prior: Prior,

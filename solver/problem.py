@@ -48,6 +48,7 @@ class Solution:
     Attributes:
         distance: (βH, βW) float32, NaN = not known to the method.
         amplitude: (βH, βW) float32, or None.
+        dual: the dual variables reached, for a warm start, or None.
         regularization, iterations, objective, gap, converged: as in `Report`.
     """
 
@@ -58,6 +59,7 @@ class Solution:
     objective: float | None
     gap: float | None
     converged: bool
+    dual: NDArray[np.floating] | None = None
 
 
 __all__ = ["Problem", "Progress", "Solution"]

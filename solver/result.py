@@ -33,6 +33,7 @@ class Report:
         noise: c in σ(distance) = c / amplitude (given or estimated); without amplitude, σ itself.
         used: numbers of the frames that were fused, in the order given.
         rejected: reason by frame number for those that were not.
+        notes: what else the caller should know, in words.
     """
 
     method: str
@@ -45,6 +46,7 @@ class Report:
     noise: float | None
     used: tuple[int, ...]
     rejected: dict[int, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

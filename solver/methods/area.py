@@ -9,7 +9,7 @@ import numpy as np
 
 from solver.fill import nearest
 from solver.footprint import AreaTerm, Footprint
-from solver.primal_dual import minimise, start
+from solver.primal_dual import minimise, start, warm
 from solver.prior import Prior
 from solver.problem import Problem, Solution
 from solver.result import Progress
@@ -36,10 +36,13 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         known = np.isfinite(initial.distance)
         first = np.where(known, (initial.distance - middle) / strength, first).astype(np.float32)
     m = term.margin
+    state = start(np.pad(first, m, mode="edge")[None])
+    if initial is not None:
+        warm(state, initial.dual)
     outcome = minimise(
         term,
         Prior(),
-        start(np.pad(first, m, mode="edge")[None]),
+        state,
         tolerance=problem.options.tolerance,
         limit=problem.options.max_iterations,
         scale=strength**2,
@@ -54,6 +57,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         outcome.objective * strength**2,
         outcome.gap,
         outcome.converged,
+        outcome.state.dual,
     )
 
 

@@ -9,7 +9,7 @@ CVPR 2009. The whole image is solved at once; W_k is sparse (one fused pixel und
 import numpy as np
 
 from solver.fill import nearest
-from solver.primal_dual import minimise, start
+from solver.primal_dual import minimise, start, warm
 from solver.prior import Prior
 from solver.problem import Problem, Solution
 from solver.result import Progress
@@ -32,10 +32,13 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     if initial is not None:
         known = np.isfinite(initial.distance)
         first = np.where(known, (initial.distance - middle) / strength, first).astype(np.float32)
+    state = start(first[None])
+    if initial is not None:
+        warm(state, initial.dual)
     outcome = minimise(
         SparseTerm(samples.weight, mean, samples.constant / strength**2),
         Prior(),
-        start(first[None]),
+        state,
         tolerance=problem.options.tolerance,
         limit=problem.options.max_iterations,
         scale=strength**2,
@@ -50,6 +53,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         outcome.objective * strength**2,
         outcome.gap,
         outcome.converged,
+        outcome.state.dual,
     )
 
 

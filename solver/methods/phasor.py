@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from solver.errors import FusionInputError
 from solver.fill import nearest
 from solver.footprint import AreaTerm, Footprint
-from solver.primal_dual import State, start
+from solver.primal_dual import State, start, warm
 from solver.prior import Prior
 from solver.problem import Problem, Solution
 from solver.result import Progress
@@ -82,6 +82,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         outcome.objective * (strength * usual) ** 2,
         outcome.gap,
         outcome.converged,
+        outcome.state.dual,
     )
 
 
@@ -103,4 +104,4 @@ def _warm(state: State, initial: Solution, unit: float, turn: float, margin: int
     inner = slice(2 + margin, -2 - margin)
     for channel, part in zip(state.x, (np.cos(phase), np.sin(phase)), strict=True):
         channel[inner, inner][known] = size * part
-    state.over[...] = state.x
+    warm(state, initial.dual)

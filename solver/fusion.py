@@ -8,14 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solver import checks
-from solver import noise as noise_law
-from solver.deviation import deviation
 from solver.errors import FusionInputError, FusionWarning
-from solver.fill import nearest, reach
 from solver.methods import load
 from solver.options import FusionOptions, Method
 from solver.positions import sample_positions
-from solver.problem import Problem, Solution
+from solver.preparation import complete, prepare
+from solver.problem import Solution
 from solver.result import Fused, Progress, Report, Seconds
 
 
@@ -77,24 +75,33 @@ def fuse(
     given = checks.check_scalar("noise", noise)
     factor = int(options.upsampling)
     image = checks.check_guide(guide, (frames.shape[1] * factor, frames.shape[2] * factor))
-    options = replace(options, method=_resolve(options.method, light, span))
+    options = replace(options, method=resolve(options.method, light, span))
 
     begin = time.perf_counter()
     poses = _align(frames, light, span, shifts, rotations, initial, matrix, lens)
     used = [k for k in range(len(frames)) if k not in poses.rejected]
     registered = time.perf_counter()
 
-    problem = _pose(frames, light, poses, used, matrix, lens, span, given, image, options)
+    shape = (len(used), *frames.shape[1:])
+    if poses.rotations is None:
+        positions = sample_positions(shape, shifts=poses.shifts[used])
+    else:
+        turns = poses.rotations[used]
+        positions = sample_positions(shape, rotations=turns, intrinsics=matrix, distortion=lens)
+    problem = prepare(
+        frames[used],
+        None if light is None else light[used],
+        positions,
+        options=options,
+        ambiguity_range=span,
+        noise=given,
+        guide=image,
+    )
     solution = load(options.method)(problem, progress=progress)
-    fused, spread = finish(problem, solution)
+    fused, spread = complete(problem, solution)
     seconds = Seconds(registered - begin, time.perf_counter() - registered)
     if not solution.converged:
-        warnings.warn(
-            f"{options.method} stopped after {solution.iterations} iterations (max_iterations) before the "
-            f"objective settled to {options.tolerance:g}",
-            FusionWarning,
-            stacklevel=2,
-        )
+        warn_unconverged(options, solution, stacklevel=3)
     report = Report(
         method=options.method,
         regularization=solution.regularization,
@@ -110,35 +117,18 @@ def fuse(
     return Fused(fused, spread, solution.amplitude, poses.shifts, poses.rotations, report)
 
 
-def finish(problem: Problem, solution: Solution) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """(distance, deviation), filled up to `fill` low-resolution pixels from the nearest used sample."""
-    factor = problem.options.upsampling
-    seen = _seen(problem)
-    away = reach(seen) / np.float32(factor)
-    known = np.isfinite(solution.distance)
-    distance = nearest(solution.distance, known) if not known.all() else solution.distance
-    spread = deviation(problem, away)
-    beyond = away > problem.options.fill
-    distance = np.where(beyond, np.float32(np.nan), distance)
-    return distance, np.where(beyond, np.float32(np.nan), spread)
+def warn_unconverged(options: FusionOptions, solution: Solution, stacklevel: int) -> None:
+    """Say that `max_iterations` ended the iteration; `stacklevel` as in `warnings.warn`, from here."""
+    warnings.warn(
+        f"{options.method} stopped after {solution.iterations} iterations (max_iterations) before the "
+        f"objective settled to {options.tolerance:g}",
+        FusionWarning,
+        stacklevel=stacklevel,
+    )
 
 
-def _seen(problem: Problem) -> NDArray[np.bool_]:
-    factor = problem.options.upsampling
-    rows, columns = problem.fused_shape
-    valid = np.isfinite(problem.distance)
-    cell = np.floor((problem.positions[valid] + 0.5) * factor).astype(np.int64)
-    inside = (cell >= 0).all(-1) & (cell[:, 0] < rows) & (cell[:, 1] < columns)
-    seen = np.zeros((rows, columns), np.bool_)
-    seen[cell[inside, 0], cell[inside, 1]] = True
-    if not seen.any():
-        raise FusionInputError(
-            "no valid pixel falls on the grid of frame 0; expected shifts smaller than the image"
-        )
-    return seen
-
-
-def _resolve(method: Method, amplitude: NDArray[np.float32] | None, ambiguity_range: float | None) -> Method:
+def resolve(method: Method, amplitude: NDArray[np.float32] | None, ambiguity_range: float | None) -> Method:
+    """The method that `auto` stands for with these data."""
     if method == "auto":
         return "phasor" if amplitude is not None and ambiguity_range is not None else "area"
     if method == "phasor" and (amplitude is None or ambiguity_range is None):
@@ -200,67 +190,3 @@ def _central_shifts(
     window = (slice((rows - 1) // 2, rows // 2 + 1), slice((columns - 1) // 2, columns // 2 + 1))
     middle = positions[:, window[0], window[1]].mean(axis=(1, 2), dtype=np.float64)
     return np.asarray(middle - [(rows - 1) / 2, (columns - 1) / 2])
-
-
-def _pose(
-    distance: NDArray[np.float32],
-    amplitude: NDArray[np.float32] | None,
-    poses: Poses,
-    used: list[int],
-    intrinsics: NDArray[np.float64] | None,
-    distortion: NDArray[np.float64] | None,
-    ambiguity_range: float | None,
-    noise: float | None,
-    guide: NDArray[np.float32] | None,
-    options: FusionOptions,
-) -> Problem:
-    """The problem for a method: the used frames, their positions and noise, dark samples left out."""
-    distance = distance[used]
-    amplitude = None if amplitude is None else amplitude[used]
-    if noise is None:
-        noise = noise_law.estimate(distance, amplitude)
-    sigma = noise_law.deviations(distance, amplitude, noise)
-    if amplitude is not None:
-        distance = _lit(distance, amplitude, noise, ambiguity_range, options)
-    if poses.rotations is None:
-        positions = sample_positions(distance.shape, shifts=poses.shifts[used])
-    else:
-        positions = sample_positions(
-            distance.shape, rotations=poses.rotations[used], intrinsics=intrinsics, distortion=distortion
-        )
-    lost = np.isnan(positions[..., 0])
-    if lost.any():
-        distance = np.where(lost, np.float32(np.nan), distance)
-    return Problem(
-        distance,
-        amplitude,
-        positions,
-        sigma,
-        noise,
-        ambiguity_range,
-        guide,
-        options,
-    )
-
-
-def _lit(
-    distance: NDArray[np.float32],
-    amplitude: NDArray[np.float32],
-    noise: float,
-    ambiguity_range: float | None,
-    options: FusionOptions,
-) -> NDArray[np.float32]:
-    """T_k of the paper: NaN where the amplitude is under the threshold. `phasor` weighs samples by itself."""
-    threshold = options.amplitude_threshold
-    if threshold == "auto":
-        if options.method in ("phasor", "area"):
-            threshold = 0.0
-        else:
-            threshold = noise_law.amplitude_threshold(amplitude, noise, ambiguity_range)
-    kept = np.where(amplitude >= threshold, distance, np.float32(np.nan))
-    if np.isnan(kept).all():
-        raise FusionInputError(
-            f"every pixel's amplitude is under amplitude_threshold {threshold:g} (highest "
-            f"{np.nanmax(amplitude):g}); lower the threshold or expose longer"
-        )
-    return kept

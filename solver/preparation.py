@@ -1,0 +1,90 @@
+"""From registered frames to a method's problem, and from its solution to the finished map."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver import noise as noise_law
+from solver.deviation import deviation
+from solver.errors import FusionInputError
+from solver.fill import nearest, reach
+from solver.options import FusionOptions
+from solver.problem import Problem, Solution
+
+
+def prepare(
+    distance: NDArray[np.float32],
+    amplitude: NDArray[np.float32] | None,
+    positions: NDArray[np.float32],
+    *,
+    options: FusionOptions,
+    ambiguity_range: float | None = None,
+    noise: float | None = None,
+    guide: NDArray[np.float32] | None = None,
+) -> Problem:
+    """The problem of fusing (N, H, W) frames that look at positions (N, H, W, 2).
+
+    Dark samples are left out by the methods' own rule, samples without a position always.
+
+    Raises:
+        FusionInputError: no sample is left.
+    """
+    lost = np.isnan(positions[..., 0])
+    if lost.any():
+        distance = np.where(lost, np.float32(np.nan), distance)
+    if noise is None:
+        noise = noise_law.estimate(distance, amplitude)
+    sigma = noise_law.deviations(distance, amplitude, noise)
+    if amplitude is not None:
+        distance = _lit(distance, amplitude, noise, ambiguity_range, options)
+    return Problem(distance, amplitude, positions, sigma, noise, ambiguity_range, guide, options)
+
+
+def complete(problem: Problem, solution: Solution) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """(distance, deviation), filled up to `fill` low-resolution pixels from the nearest used sample."""
+    factor = problem.options.upsampling
+    seen = _seen(problem)
+    away = reach(seen) / np.float32(factor)
+    known = np.isfinite(solution.distance)
+    distance = nearest(solution.distance, known) if not known.all() else solution.distance
+    spread = deviation(problem, away)
+    beyond = away > problem.options.fill
+    distance = np.where(beyond, np.float32(np.nan), distance)
+    return distance, np.where(beyond, np.float32(np.nan), spread)
+
+
+def _seen(problem: Problem) -> NDArray[np.bool_]:
+    factor = problem.options.upsampling
+    rows, columns = problem.fused_shape
+    valid = np.isfinite(problem.distance)
+    cell = np.floor((problem.positions[valid] + 0.5) * factor).astype(np.int64)
+    inside = (cell >= 0).all(-1) & (cell[:, 0] < rows) & (cell[:, 1] < columns)
+    seen = np.zeros((rows, columns), np.bool_)
+    seen[cell[inside, 0], cell[inside, 1]] = True
+    if not seen.any():
+        raise FusionInputError(
+            "no valid pixel falls on the grid of frame 0; expected shifts smaller than the image"
+        )
+    return seen
+
+
+def _lit(
+    distance: NDArray[np.float32],
+    amplitude: NDArray[np.float32],
+    noise: float,
+    ambiguity_range: float | None,
+    options: FusionOptions,
+) -> NDArray[np.float32]:
+    """T_k of the paper: NaN where the amplitude is under the threshold. `phasor` weighs samples by itself."""
+    threshold = options.amplitude_threshold
+    if threshold == "auto":
+        if options.method in ("phasor", "area"):
+            threshold = 0.0
+        else:
+            threshold = noise_law.amplitude_threshold(amplitude, noise, ambiguity_range)
+    kept = np.where(amplitude >= threshold, distance, np.float32(np.nan))
+    if np.isnan(kept).all():
+        raise FusionInputError(
+            f"every pixel's amplitude is under amplitude_threshold {threshold:g} (highest "
+            f"{np.nanmax(amplitude):g}); lower the threshold or expose longer"
+        )
+    return kept

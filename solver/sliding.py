@@ -1,0 +1,267 @@
+"""Streaming: a window of the last N frames, fused anew with every frame from where it was."""
+
+import time
+from collections import deque
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from solver import checks
+from solver import noise as noise_law
+from solver.errors import FusionInputError, RegistrationError
+from solver.fusion import resolve, warn_unconverged
+from solver.methods import load
+from solver.options import FusionOptions
+from solver.positions import rotation_matrix, rotation_vector, sample_positions
+from solver.preparation import complete, prepare
+from solver.problem import Solution
+from solver.result import Fused, Report, Seconds
+
+_ANCHORS = 3
+"""Frames that a new one is registered with: several, so that one noisy frame does not bend the track."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Entry:
+    """One frame of the window; its pose is relative to the first frame pushed."""
+
+    number: int
+    distance: NDArray[np.float32]
+    amplitude: NDArray[np.float32] | None
+    pose: NDArray[np.float64]
+    positions: NDArray[np.float32]
+    noise: float
+
+
+class SlidingFusion:
+    """Fuses the last `window` frames on the grid of the first one.
+
+    Positions are relative to the first frame pushed, which fixes the grid until `reset` or until the
+    newest frame overlaps it by less than half; then the grid moves to the newest frame and the notes of
+    the report say so.
+
+    Args:
+        options: as for `fuse`.
+        window: N, how many frames are fused; fewer are fused as they are.
+        ambiguity_range, intrinsics, distortion, noise: as for `fuse`.
+
+    Raises:
+        FusionInputError: an argument cannot be used; the message says why.
+    """
+
+    def __init__(
+        self,
+        options: FusionOptions | None = None,
+        window: int = 15,
+        ambiguity_range: float | None = None,
+        intrinsics: ArrayLike | None = None,
+        distortion: ArrayLike | None = None,
+        noise: float | None = None,
+    ) -> None:
+        self._options = options or FusionOptions()
+        checks.check_options(self._options)
+        if isinstance(window, bool) or not isinstance(window, (int, np.integer)) or window < 1:
+            raise FusionInputError(f"window is {window!r}; expected a whole number of frames from 1 up")
+        self._range = checks.check_scalar("ambiguity_range", ambiguity_range)
+        self._matrix, self._lens = checks.check_intrinsics(intrinsics, distortion)
+        self._noise = checks.check_scalar("noise", noise)
+        self._window: deque[_Entry] = deque(maxlen=int(window))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every frame; the next one pushed fixes the grid."""
+        self._window.clear()
+        self._pushed = 0
+        self._grid = np.zeros(2 if self._matrix is None else 3)
+        self._last: Solution | None = None
+
+    def push(
+        self,
+        distance: ArrayLike,
+        amplitude: ArrayLike | None = None,
+        shift: ArrayLike | None = None,
+        rotation: ArrayLike | None = None,
+        initial: ArrayLike | None = None,
+    ) -> Fused:
+        """Add a frame (H, W) and fuse the window.
+
+        Args:
+            distance, amplitude: one frame, as for `fuse`; all frames with amplitude or all without.
+            shift: exact (dy, dx), for a camera without intrinsics.
+            rotation: exact rotation vector, for one with intrinsics.
+            initial: a first guess of the same.
+
+        Raises:
+            FusionInputError: an argument cannot be used, or does not go with the frames before.
+            RegistrationError: the frame fits none before it; the window is as it was.
+        """
+        begin = time.perf_counter()
+        frame = checks.check_frames(np.asarray(distance)[None])[0]
+        light = checks.check_amplitude(
+            None if amplitude is None else np.asarray(amplitude)[None], (1, *frame.shape)
+        )
+        self._check_like(frame, light)
+        options = replace(self._options, method=resolve(self._options.method, light, self._range))
+        given = self._given(shift, rotation)
+        guess = None
+        if initial is not None:
+            guess = checks.check_vectors("initial", np.asarray(initial)[None], 1, (len(self._grid),))
+        pose = (
+            given if given is not None else self._register(frame, light, None if guess is None else guess[0])
+        )
+        registered = time.perf_counter()
+        notes = self._append(frame, None if light is None else light[0], pose)
+        return self._fuse(options, notes, begin, registered)
+
+    def _check_like(self, frame: NDArray[np.float32], light: NDArray[np.float32] | None) -> None:
+        if not self._window:
+            return
+        first = self._window[0]
+        if frame.shape != first.distance.shape:
+            raise FusionInputError(
+                f"the frame has shape {frame.shape}; "
+                f"expected that of the frames before, {first.distance.shape}"
+            )
+        if (light is None) != (first.amplitude is None):
+            raise FusionInputError("give amplitude with every frame of a stream or with none")
+
+    def _given(self, shift: ArrayLike | None, rotation: ArrayLike | None) -> NDArray[np.float64] | None:
+        if shift is not None and rotation is not None:
+            raise FusionInputError("shift and rotation are both given; expected at most one of them")
+        name, value = ("shift", shift) if shift is not None else ("rotation", rotation)
+        if value is None:
+            return None
+        wanted = "shift" if self._matrix is None else "rotation"
+        if name != wanted:
+            having = "without" if wanted == "shift" else "with"
+            raise FusionInputError(f"{name} is given; a stream {having} intrinsics takes {wanted}")
+        vector = checks.check_vectors(name, np.asarray(value)[None], 1, (len(self._grid),))
+        return None if vector is None else vector[0]
+
+    def _register(
+        self,
+        frame: NDArray[np.float32],
+        light: NDArray[np.float32] | None,
+        guess: NDArray[np.float64] | None,
+    ) -> NDArray[np.float64]:
+        """The pose of a frame, from its motion against the newest frames of the window."""
+        if not self._window:
+            return np.zeros_like(self._grid)
+        from solver.registration import register
+
+        anchors = list(self._window)[-_ANCHORS:]
+        base = anchors[0].pose
+        poses = [entry.pose for entry in anchors]
+        poses.append(guess if guess is not None else poses[-1])
+        found = register(
+            np.stack([*(entry.distance for entry in anchors), frame]),
+            None
+            if light is None
+            else np.stack([*(entry.amplitude for entry in anchors if entry.amplitude is not None), light[0]]),
+            intrinsics=self._matrix,
+            distortion=self._lens,
+            initial=np.stack([self._relative(pose, base) for pose in poses]),
+            ambiguity_range=self._range,
+        )
+        last = len(anchors)
+        if last in found.rejected:
+            raise RegistrationError(
+                f"frame {self._pushed} does not fit the ones before: {found.rejected[last]}"
+            )
+        moved = found.shifts[last] if found.rotations is None else found.rotations[last]
+        return self._composed(base, moved)
+
+    def _append(
+        self, frame: NDArray[np.float32], light: NDArray[np.float32] | None, pose: NDArray[np.float64]
+    ) -> tuple[str, ...]:
+        positions = self._positions(frame.shape, pose)
+        notes: tuple[str, ...] = ()
+        if not self._window:
+            self._grid = pose
+            positions = self._positions(frame.shape, pose)
+        elif _overlap(positions) < 0.5:
+            self._grid, self._last = pose, None
+            kept = [
+                replace(entry, positions=self._positions(frame.shape, entry.pose)) for entry in self._window
+            ]
+            self._window.clear()
+            self._window.extend(kept)
+            positions = self._positions(frame.shape, pose)
+            notes = (
+                f"the grid moved to frame {self._pushed}: it overlapped the former one by less than half",
+            )
+        noise = self._noise
+        if noise is None:
+            noise = noise_law.estimate(frame[None], None if light is None else light[None])
+        self._window.append(_Entry(self._pushed, frame, light, pose, positions, noise))
+        self._pushed += 1
+        return notes
+
+    def _fuse(self, options: FusionOptions, notes: tuple[str, ...], begin: float, registered: float) -> Fused:
+        entries = list(self._window)
+        lights = [entry.amplitude for entry in entries if entry.amplitude is not None]
+        problem = prepare(
+            np.stack([entry.distance for entry in entries]),
+            np.stack(lights) if lights else None,
+            np.stack([entry.positions for entry in entries]),
+            options=options,
+            ambiguity_range=self._range,
+            noise=float(np.median([entry.noise for entry in entries])),
+        )
+        solution = load(options.method)(problem, initial=self._last)
+        self._last = solution
+        distance, spread = complete(problem, solution)
+        if not solution.converged:
+            warn_unconverged(options, solution, stacklevel=4)
+        relative = np.stack([self._relative(entry.pose, self._grid) for entry in entries])
+        report = Report(
+            method=options.method,
+            regularization=solution.regularization,
+            iterations=solution.iterations,
+            objective=solution.objective,
+            gap=solution.gap,
+            converged=solution.converged,
+            seconds=Seconds(registered - begin, time.perf_counter() - registered),
+            noise=problem.noise,
+            used=tuple(entry.number for entry in entries),
+            notes=notes,
+        )
+        if self._matrix is None:
+            return Fused(distance, spread, solution.amplitude, relative, None, report)
+        shifts = np.stack([_central(entry.positions) for entry in entries])
+        return Fused(distance, spread, solution.amplitude, shifts, relative, report)
+
+    def _positions(self, shape: tuple[int, ...], pose: NDArray[np.float64]) -> NDArray[np.float32]:
+        relative = self._relative(pose, self._grid)[None]
+        size = (1, shape[0], shape[1])
+        if self._matrix is None:
+            return np.asarray(sample_positions(size, shifts=relative)[0])
+        turned = sample_positions(size, rotations=relative, intrinsics=self._matrix, distortion=self._lens)
+        return np.asarray(turned[0])
+
+    def _relative(self, pose: NDArray[np.float64], base: NDArray[np.float64]) -> NDArray[np.float64]:
+        if self._matrix is None:
+            return pose - base
+        return rotation_vector(rotation_matrix(base).T @ rotation_matrix(pose))
+
+    def _composed(self, base: NDArray[np.float64], moved: NDArray[np.float64]) -> NDArray[np.float64]:
+        if self._matrix is None:
+            return base + moved
+        return rotation_vector(rotation_matrix(base) @ rotation_matrix(moved))
+
+
+def _overlap(positions: NDArray[np.float32]) -> float:
+    """The share of a frame's pixels (H, W, 2) that look inside the grid."""
+    rows, columns = positions.shape[:2]
+    inside = (
+        (positions > -0.5).all(-1) & (positions[..., 0] < rows - 0.5) & (positions[..., 1] < columns - 0.5)
+    )
+    return float(inside.mean())
+
+
+def _central(positions: NDArray[np.float32]) -> NDArray[np.float64]:
+    """(dy, dx) at the image centre, the mean over the one to four pixels around it."""
+    rows, columns = positions.shape[:2]
+    window = positions[(rows - 1) // 2 : rows // 2 + 1, (columns - 1) // 2 : columns // 2 + 1]
+    return np.asarray(window.mean(axis=(0, 1), dtype=np.float64) - [(rows - 1) / 2, (columns - 1) / 2])

@@ -1,0 +1,105 @@
+"""Streaming: the window, its grid, and agreement with `fuse` on the same frames."""
+
+import numpy as np
+import pytest
+
+from solver import FusionInputError, FusionOptions, SlidingFusion, fuse
+
+ROWS, COLUMNS = 20, 24
+SHIFTS = np.array([[0, 0], [0.25, 0.5], [-0.5, 0.25], [0.5, -0.25], [-0.25, -0.4], [0.1, 0.6]])
+
+
+def frames(noise: float = 0.005) -> np.ndarray:
+    """A tilted wall with a block, the block's edges moving with the shifts."""
+    rows, columns = np.mgrid[0:ROWS, 0:COLUMNS]
+    draw = np.random.default_rng(3).normal(size=(len(SHIFTS), ROWS, COLUMNS))
+    stack = []
+    for (dy, dx), grain in zip(SHIFTS, draw, strict=True):
+        y, x = rows + dy, columns + dx
+        block = np.clip(y - 5, 0, 1) * np.clip(14 - y, 0, 1) * np.clip(x - 6, 0, 1) * np.clip(16 - x, 0, 1)
+        stack.append(2.0 + 0.01 * x - 0.5 * block + noise * grain)
+    return np.array(stack, np.float32)
+
+
+@pytest.mark.parametrize("method", ["lidarboost", "area"])
+def test_a_window_gives_what_fuse_gives(method: str) -> None:
+    stack = frames()
+    options = FusionOptions(method=method, regularization=0.02)  # type: ignore[arg-type]
+    sliding = SlidingFusion(options, window=4)
+    for frame, shift in zip(stack, SHIFTS, strict=True):
+        streamed = sliding.push(frame, shift=shift)
+    assert streamed.report.used == (2, 3, 4, 5)
+    whole = fuse(stack[2:], shifts=SHIFTS[2:], options=options)
+    np.testing.assert_allclose(streamed.shifts, SHIFTS[2:])
+    # Two solves stopped at an objective error of 1e-3 each, compared with noise of 5 mm.
+    difference = streamed.distance - whole.distance
+    assert np.sqrt(np.nanmean(difference**2)) < 0.0025
+    assert streamed.report.objective == pytest.approx(whole.report.objective, rel=2e-3)
+
+
+def test_warm_starts_need_fewer_iterations() -> None:
+    options = FusionOptions(method="lidarboost", regularization=0.02)
+    sliding = SlidingFusion(options, window=6)
+    counts = [
+        sliding.push(f, shift=s).report.iterations
+        for f, s in zip(np.tile(frames(), (3, 1, 1)), np.tile(SHIFTS, (3, 1)), strict=True)
+    ]
+    cold = fuse(frames(), shifts=SHIFTS, options=options).report.iterations
+    assert np.mean(counts[8:]) < 0.7 * cold
+
+
+def test_phasor_streams() -> None:
+    stack = frames()
+    sliding = SlidingFusion(window=3, ambiguity_range=7.5)
+    for frame, shift in zip(stack, SHIFTS, strict=True):
+        fused = sliding.push(frame, np.full_like(frame, 1000.0), shift=shift)
+    assert fused.report.method == "phasor"
+    assert fused.amplitude is not None
+    assert abs(float(np.nanmedian(fused.distance)) - 2.1) < 0.1
+
+
+def test_the_grid_moves_when_the_view_has() -> None:
+    stack = frames()
+    sliding = SlidingFusion(FusionOptions(method="lidarboost"), window=3)
+    assert sliding.push(stack[0], shift=[0, 0]).report.notes == ()
+    assert sliding.push(stack[1], shift=[0, 11]).report.notes == ()
+    moved = sliding.push(stack[2], shift=[0, 13])
+    assert len(moved.report.notes) == 1
+    assert "grid moved" in moved.report.notes[0]
+    np.testing.assert_allclose(moved.shifts, [[0, -13], [0, -2], [0, 0]])
+    assert sliding.push(stack[3], shift=[0, 13.5]).report.notes == ()
+
+
+def test_reset_starts_anew() -> None:
+    sliding = SlidingFusion(FusionOptions(method="lidarboost"), window=3)
+    sliding.push(frames()[0], shift=[0, 0])
+    sliding.reset()
+    fused = sliding.push(frames()[1], shift=[3, 3])
+    assert fused.report.used == (0,)
+    np.testing.assert_allclose(fused.shifts, [[0, 0]])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"distance": np.ones((ROWS, COLUMNS + 1))}, "expected that of the frames before"),
+        ({"amplitude": np.ones((ROWS, COLUMNS))}, "every frame"),
+        ({"distance": np.ones((2, ROWS, COLUMNS))}, "N, H, W"),
+        ({"shift": [0, np.nan]}, "finite"),
+        ({"shift": [0, 0, 0]}, "shape"),
+        ({"rotation": [0, 0, 0]}, "shift"),
+        ({"shift": [0, 0], "rotation": [0, 0, 0]}, "at most one"),
+    ],
+)
+def test_refuses(arguments: dict[str, object], words: str) -> None:
+    sliding = SlidingFusion(FusionOptions(method="lidarboost"), window=3)
+    sliding.push(frames()[0], shift=[0, 0])
+    given = {"distance": frames()[1], **arguments}
+    with pytest.raises(FusionInputError, match=words):
+        sliding.push(**given)  # type: ignore[arg-type]
+    assert sliding.push(frames()[1], shift=[0, 0]).report.used == (0, 1)
+
+
+def test_refuses_a_window_without_frames() -> None:
+    with pytest.raises(FusionInputError, match="window"):
+        SlidingFusion(window=0)
