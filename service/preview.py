@@ -38,7 +38,7 @@ def draw(result: FusedBurst, truth: NDArray[np.float32] | None) -> "Figure":
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(16, 9.4), layout="constrained")
+    figure = Figure(figsize=(16, 8.6), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(2, 3)
     frame, depth = result.frame, result.depth

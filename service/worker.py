@@ -5,19 +5,14 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
-from multiprocessing.connection import Connection
-from threading import Condition, Lock, Thread
-from typing import Any
+from threading import Condition, Thread
 
 from service.burst import Burst
 from service.config import FusionSection
 from service.errors import WorkerError
 from service.fusion import FusedBurst
-from service.worker_process import Failure, Ready, serve
-
-_START_TIMEOUT = 120.0
-"""Seconds to import and to compile the kernels: a few, a minute where nothing is cached on a slow machine."""
+from service.fusion_process import FusionProcess
+from service.worker_process import Failure
 
 _STARTS = 3
 """Starts in a row that may fail before the worker is given up."""
@@ -62,7 +57,7 @@ class FusionWorker:
         self._queue: deque[Burst] = deque()
         self._changed = Condition()
         self._ready = self._busy = self._closing = False
-        self._process = _Process(settings, lambda: self._closing)
+        self._process = FusionProcess(settings, lambda: self._closing)
         self._thread = Thread(target=self._run, name="fusion", daemon=True)
 
     def start(self) -> None:
@@ -212,76 +207,3 @@ class FusionWorker:
 def _timed(result: FusedBurst, burst: Burst) -> FusedBurst:
     latency = time.monotonic() - burst.completed
     return replace(result, report=result.report.model_copy(update={"latency": latency}))
-
-
-class _Process:
-    """The process and the pipe to it."""
-
-    def __init__(self, settings: FusionSection, cancelled: Callable[[], bool]) -> None:
-        self._settings, self._cancelled = settings, cancelled
-        self._context = get_context("spawn")  # fork would copy locks held by the session's threads
-        self._process: Any = None
-        self._pipe: Connection | None = None
-        self._killing = Lock()
-
-    def start(self) -> Ready | Failure:
-        """Start a new process and wait until it is ready; raises WorkerError where it dies before."""
-        self.kill()
-        ours, theirs = self._context.Pipe()
-        process = self._context.Process(
-            target=serve, args=(theirs, self._settings), name="lidarboost-fusion", daemon=True
-        )
-        process.start()
-        theirs.close()
-        with self._killing:
-            self._process, self._pipe = process, ours
-        answer = self._receive(_START_TIMEOUT)
-        assert isinstance(answer, (Ready, Failure))
-        return answer
-
-    def fuse(self, burst: Burst) -> FusedBurst | Failure:
-        """One burst through the process; raises WorkerError where it died or took too long."""
-        try:
-            self._connection().send(burst)
-        except OSError as error:
-            raise WorkerError(f"the fusion worker died ({self._ending()})") from error
-        answer = self._receive(self._settings.timeout)
-        assert isinstance(answer, (FusedBurst, Failure))
-        return answer
-
-    def kill(self) -> None:
-        """End the process at once; safe where there is none."""
-        with self._killing:
-            process, self._process = self._process, None
-            pipe, self._pipe = self._pipe, None
-        if process is not None:
-            process.kill()
-            process.join(5.0)
-        if pipe is not None:
-            pipe.close()
-
-    def _connection(self) -> Connection:
-        if self._pipe is None:
-            raise WorkerError("the fusion worker is closed")
-        return self._pipe
-
-    def _receive(self, timeout: float) -> object:
-        pipe = self._connection()
-        end = time.monotonic() + timeout
-        try:
-            # The pipe reports its end when the process dies, whatever it dies of.
-            while time.monotonic() < end and not self._cancelled():
-                if pipe.poll(min(0.5, max(0.0, end - time.monotonic()))):
-                    answer: object = pipe.recv()
-                    return answer
-        except (EOFError, OSError) as error:
-            raise WorkerError(f"the fusion worker died ({self._ending()})") from error
-        raise WorkerError(f"the fusion worker gave no answer within {timeout:g} s")
-
-    def _ending(self) -> str:
-        process = self._process
-        if process is None:
-            return "closed"
-        process.join(1.0)
-        code = process.exitcode
-        return f"signal {-code}" if code is not None and code < 0 else f"exit status {code}"
