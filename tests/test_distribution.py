@@ -67,3 +67,8 @@ def test_data_files_travel_with_the_packages(python: Path, tmp_path: Path) -> No
         "print(all((Path(p.__file__).parent / 'py.typed').exists() for p in (solver, drivers, service)))"
     )
     assert run(python, "-c", code, cwd=tmp_path).strip() == "True"
+
+
+def test_the_camera_profiles_are_in_the_wheel(python: Path, tmp_path: Path) -> None:
+    code = "from drivers.usb.profile import shipped_profiles; print(*(p.model for p in shipped_profiles()))"
+    assert run(python, "-c", code, cwd=tmp_path).split() == ["SR2A", "SR2B", "SR3000", "SR4000"]

@@ -1,7 +1,9 @@
 """The plain USB camera against a stand-in behind pyusb; faults are injected on the bus."""
 
 import errno
+import re
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +20,7 @@ from drivers.errors import (
 )
 from drivers.settings import CameraSettings
 from drivers.usb import UsbCamera, discovery
-from drivers.usb.profile import FOLDER, Profile
+from drivers.usb.profile import FOLDER, Profile, shipped_profiles
 from drivers.usb.steps import Control, RegisterWrite, Write
 
 
@@ -305,6 +307,18 @@ def test_no_device_at_all(bus, clock):
     stand_in.unplug()
     with pytest.raises(NotAvailableError, match="lidarboost devices"):
         camera(clock).open()
+
+
+def test_the_udev_rules_name_every_camera():
+    rules = (Path(__file__).parents[2] / "deploy" / "udev" / "60-lidarboost.rules").read_text()
+    ids = re.findall(r'^SUBSYSTEM=="usb", ATTR{idVendor}=="(\w+)", ATTR{idProduct}=="(\w+)"', rules, re.M)
+    shipped = {(f"{i.vendor:04x}", f"{i.product:04x}") for p in shipped_profiles() for i in p.ids}
+    assert len(ids) == len(shipped)
+    assert set(ids) == shipped
+    for line in rules.splitlines():
+        assert (
+            line.startswith("#") or not line or line.endswith('MODE="0660", GROUP="plugdev", TAG+="uaccess"')
+        )
 
 
 def test_pyusb_is_real():
