@@ -1,0 +1,93 @@
+"""Pictures of a burst: what they show, and that they are written whole."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from drivers import sr3000_calibration
+from service.burst import Burst
+from service.config import FusionSection
+from service.fusion import FusedBurst, fuse_burst
+from service.preview import draw, write_preview
+from service.quality import error_map, judge
+from service.shading import shade
+
+
+@pytest.fixture(scope="module")
+def step() -> FusedBurst:
+    """A step in distance, 2 m to 2.5 m, with a hole that nothing was seen in."""
+    from scripted import frame
+
+    nominal = sr3000_calibration()
+    metres = np.where(np.arange(44) < 22, 2.0, 2.5) * np.ones((36, 1))
+    counts = np.round(metres * 65536 / 7.5).astype(np.uint16)
+    counts[:6, :6] = 0
+    light = np.full((36, 44), 2000, np.uint16)
+    centre = nominal.intrinsics.model_copy(update={"cx": 21.5, "cy": 17.5})
+    calibration = nominal.model_copy(update={"width": 44, "height": 36, "intrinsics": centre})
+    frames = tuple(frame(k, counts=counts, amplitude=light) for k in range(2))
+    settings = FusionSection(method="nearest", upsampling=2, register_poses=False, fill=1)
+    return fuse_burst(Burst(3, frames, calibration, 2), settings)
+
+
+TRUTH = np.where(np.arange(88) < 44, 2.0, 2.5).astype(np.float32) * np.ones((72, 1), np.float32)
+
+
+def test_the_picture_has_six_panels_with_units(step: FusedBurst) -> None:
+    figure = draw(step, TRUTH)
+    labels = {axes.get_ylabel() for axes in figure.axes}
+    assert {"distance, m", "amplitude, counts", "depth, m", "fused − true distance, mm"} <= labels
+    titles = [axes.get_title() for axes in figure.axes]
+    assert sum(title.startswith("surface, seen") for title in titles) == 2
+    assert "RMS error" in figure.get_suptitle()
+
+
+def test_without_a_truth_it_shows_the_deviation(step: FusedBurst) -> None:
+    for missing in (None, np.zeros((5, 5), np.float32)):
+        figure = draw(step, missing)
+        assert "standard deviation, mm" in {axes.get_ylabel() for axes in figure.axes}
+        assert "median deviation" in figure.get_suptitle()
+
+
+def test_it_is_written_whole_or_not_at_all(step: FusedBurst, tmp_path: Path) -> None:
+    write_preview(tmp_path / "a.png", step)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
+    assert cv2.imread(str(tmp_path / "a.png")).shape[:2] == (860, 1600)
+    with pytest.raises(OSError, match="nowhere"):
+        write_preview(tmp_path / "nowhere" / "a.png", step)
+
+
+def test_a_map_of_nothing_can_be_drawn_too(step: FusedBurst) -> None:
+    nothing = np.full_like(step.distance, np.nan)
+    draw(replace(step, distance=nothing, depth=nothing, deviation=nothing), None)
+
+
+def test_errors_are_those_of_the_pixels_that_all_know(step: FusedBurst) -> None:
+    error = error_map(step, TRUTH)
+    assert error is not None
+    assert np.nanmax(np.abs(error)) < 2e-4
+    assert np.isnan(error[0, 0])
+    quality = judge(step, TRUTH + np.float32(0.01))
+    assert quality is not None
+    assert quality.rms == pytest.approx(0.01, abs=1e-4)
+    assert quality.mean_absolute == pytest.approx(quality.nearest_mean_absolute, abs=1e-4)
+    assert quality.pixels == 88 * 72 - 12 * 12, "the hole is known to the filled map alone, or to nobody"
+    assert judge(step, None) is None
+
+
+def test_a_surface_faces_its_viewer_and_hides_what_is_behind_it() -> None:
+    K = np.array([[200.0, 0, 31.5], [0, 200.0, 23.5], [0, 0, 1]])
+    rows, columns = np.mgrid[:48, :64]
+    ray = np.sqrt(1 + ((columns - 31.5) / 200) ** 2 + ((rows - 23.5) / 200) ** 2)
+    wall = (2.0 * ray).astype(np.float32)
+    picture = shade(wall, K, None, yaw=0.0, pitch=0.0)
+    seen = picture[np.isfinite(picture)]
+    assert np.ptp(seen) < 0.01, "a flat wall is evenly lit"
+    askew = shade(wall, K, None, yaw=0.5, pitch=0.0)
+    assert not np.isclose(np.nanmedian(askew), np.nanmedian(picture), atol=0.01)
+    wall[20:28, 28:36] *= 0.5
+    holed = shade(wall, K, None, yaw=0.6, pitch=0.0)
+    assert np.isnan(holed[200:280, 100:540]).any(), "seen askew, the block leaves a shadow on the wall"
