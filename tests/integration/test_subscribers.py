@@ -67,7 +67,7 @@ def configured(directory: Path, fusion: str = "") -> tuple[str, Path]:
 
 
 def told_by(process: "subprocess.Popen[str]") -> dict[str, dict[str, Any]]:
-    out, err = process.communicate(timeout=120)
+    out, err = process.communicate(timeout=170)
     assert err == ""
     rows = [json.loads(line) for line in out.splitlines()]
     return {row["key"].removeprefix(PREFIX + "/"): row for row in rows}
