@@ -35,13 +35,7 @@ def check_settings(settings: CameraSettings, profile: Profile, allow_inferred: b
     if settings.amplitude_threshold and not usable(profile.registers.amplitude_threshold, allow_inferred):
         raise _refused(profile, "an amplitude threshold", _why_not(profile.registers.amplitude_threshold))
     time = _integration_time(settings, initial, profile, allow_inferred)
-    shortest = SAMPLES * (time + (profile.readout.value or 0.0))
-    if settings.frame_rate is not None and settings.frame_rate * shortest > 1:
-        raise _refused(
-            profile,
-            f"{settings.frame_rate:g} frames/s",
-            f"an integration time of {time * 1e3:g} ms allows at most {1 / shortest:.1f} frames/s",
-        )
+    _check_frame_rate(settings, time, profile, allow_inferred)
     return settings.model_copy(update={"integration_time": time})
 
 
@@ -77,6 +71,21 @@ def _integration_time(
             f"it takes {low * 1e3:g} to {high * 1e3:g} ms",
         )
     return exposure.offset + exposure.step * value
+
+
+def _check_frame_rate(settings: CameraSettings, time: float, profile: Profile, allow_inferred: bool) -> None:
+    if settings.frame_rate is None:
+        return
+    if not usable(profile.registers.integration_time, allow_inferred):
+        # what is in force is not known: only what no integration time allows is impossible
+        time = profile.exposure.value.offset if profile.exposure.value is not None else 0.0
+    shortest = SAMPLES * (time + (profile.readout.value or 0.0))
+    if settings.frame_rate * shortest > 1:
+        raise _refused(
+            profile,
+            f"{settings.frame_rate:g} frames/s",
+            f"an integration time of {time * 1e3:g} ms allows at most {1 / shortest:.1f} frames/s",
+        )
 
 
 def _register_value(time: float, exposure: Exposure) -> int:

@@ -70,6 +70,11 @@ class UsbCamera(Camera):
     def _open(self) -> None:
         consent = self.options.allow_inferred
         device, profile = self._choose()
+        if self.options.profile is not None and not consent:
+            raise InitialisationError(
+                f"{self.options.profile}: a profile of one's own is used only with allow_inferred = true, "
+                "whatever it says of itself; nothing was sent"
+            )
         require_usable(profile, consent)
         try:
             self._transport = Transport(device, profile, consent, self.clock)

@@ -17,6 +17,8 @@ half is noise 0.28; real frames of an SR4000, in the rougher gray mode, stay und
 def unpack(data: "NDArray[np.uint8]", image: Image) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
     """Distance and amplitude, (rows, columns) uint16 each, copied out of the buffer.
 
+    Bits of the distance that the model is known not to use are cleared.
+
     Raises:
         OperationError: too few bytes, or an amplitude image that is constant or pure noise.
     """
@@ -28,6 +30,8 @@ def unpack(data: "NDArray[np.uint8]", image: Image) -> tuple[NDArray[np.uint16],
     images = data[: image.frame_bytes].view(order).reshape(shape)
     counts, amplitude = (images[planes.index(name)].astype(np.uint16) for name in ("distance", "amplitude"))
     _check(counts, amplitude)
+    if image.significant_bits.value is not None:
+        counts &= np.uint16(0xFFFF << (16 - image.significant_bits.value) & 0xFFFF)
     return counts, amplitude
 
 

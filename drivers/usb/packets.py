@@ -48,10 +48,17 @@ def read_packets(path: Path) -> Iterator[Packet]:
     except OSError as error:
         raise RecordingError(f"{path}: cannot read the capture ({error})") from error
     if content[:4] == SECTION.to_bytes(4, "little"):
-        return _pcapng(content, path)
-    if content[:4] in PCAP_MAGICS:
-        return _pcap(content)
-    raise RecordingError(f"{path}: neither a pcapng nor a pcap capture; save it from Wireshark or tcpdump")
+        packets = _pcapng(content, path)
+    elif content[:4] in PCAP_MAGICS:
+        packets = _pcap(content)
+    else:
+        raise RecordingError(
+            f"{path}: neither a pcapng nor a pcap capture; save it from Wireshark or tcpdump"
+        )
+    try:
+        yield from packets
+    except struct.error as error:
+        raise RecordingError(f"{path}: damaged: a block is too short ({error})") from error
 
 
 def _pcap(content: bytes) -> Iterator[Packet]:

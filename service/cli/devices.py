@@ -62,6 +62,10 @@ def learn(
 ) -> None:
     """Write a USB profile from a trace of the vendor's software opening the camera, taking frames, closing.
 
+    Record the trace before the camera is plugged in. Linux: `modprobe usbmon`, then `tshark -i usbmon0 -w
+    trace.pcapng`. Windows: Wireshark with USBPcap. Then plug in, let the software open the camera, take ten
+    frames, and close it.
+
     The profile is data: it lists the requests that were seen, and the camera `usb` sends no others. Using it
     needs `profile` and `allow_inferred = true` among the camera's options.
     """
@@ -69,7 +73,11 @@ def learn(
 
     lesson = learn_profile(trace, model, dict(_register(text) for text in register or ()))
     path = output if output is not None else Path(f"{lesson.profile.model.lower()}-learned.toml")
-    path.write_text(lesson.profile.to_toml(), encoding="utf-8")
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(lesson.profile.to_toml())
+    except FileExistsError:
+        raise typer.BadParameter(f"{path} exists already: name another file with -o, or remove it") from None
     for finding in lesson.findings:
         print(finding)
     print(

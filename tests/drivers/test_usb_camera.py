@@ -302,6 +302,27 @@ def test_a_profile_with_a_standard_request_is_refused(tmp_path):
         Profile.load(tmp_path / "bad.toml")
 
 
+def test_a_profile_that_calls_itself_documented_needs_consent_all_the_same(bus, clock, tmp_path):
+    stand_in = bus()
+    text = (FOLDER / "sr4000.toml").read_text().replace('"inferred"', '"documented"')
+    (tmp_path / "mine.toml").write_text(text)
+    with pytest.raises(InitialisationError, match=r"mine\.toml: .*allow_inferred = true"):
+        camera(clock, profile=tmp_path / "mine.toml", allow_inferred=False).open()
+    assert stand_in.events == []
+
+
+def test_bits_that_the_model_does_not_use_are_cleared(bus, clock):
+    def frames(number):
+        images = np.frombuffer(scene(144, 176, number), "<u2").copy()
+        return (images | 3).tobytes()
+
+    bus(frames=frames)
+    with started(clock) as cam:
+        frame = cam.grab()
+    assert not np.any(frame.counts & 3)
+    assert np.all(frame.amplitude & 3 == 3)
+
+
 def test_no_device_at_all(bus, clock):
     stand_in = bus()
     stand_in.unplug()

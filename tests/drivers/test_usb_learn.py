@@ -1,8 +1,12 @@
 """Learning a camera from a trace, on captures that the stand-in's own log is written to."""
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 import usb.core
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from usb_captures import (
     USB_LINUX,
     USB_LINUX_MMAPPED,
@@ -96,7 +100,7 @@ def test_a_learned_profile_drives_the_camera(tmp_path, session, firmware, monkey
     stand_in = StandIn(SR3000_IDS, firmware=firmware, clock=clock)
     monkeypatch.setattr(discovery, "libusb", lambda: stand_in)
 
-    with pytest.raises(InitialisationError, match=r"learned: trace trace\.pcapng.*allow_inferred = true"):
+    with pytest.raises(InitialisationError, match=r"sr3000\.toml: .*allow_inferred = true"):
         UsbCamera(UsbCamera.Options(profile=path), clock).open()
     assert not [transfer for transfer in stand_in.log if transfer.setup[0] & 0x60]
 
@@ -212,6 +216,25 @@ def test_a_torn_capture_is_read_as_far_as_it_goes(tmp_path, session):
     path = capture(tmp_path / "t.pcapng", session, "220")
     path.write_bytes(path.read_bytes()[:-100_000])
     assert learn(path).profile.trigger.known == (Control(request_type=0x40, request=0xB7),)
+
+
+@given(
+    kind=st.sampled_from(["189", "USBPcap", "pcap"]),
+    cuts=st.lists(st.tuples(st.floats(0, 1), st.binary(min_size=1, max_size=8)), min_size=1, max_size=5),
+    end=st.floats(0, 1),
+)
+@settings(max_examples=60, deadline=None)
+def test_a_damaged_capture_never_ends_in_anything_but_a_clear_error(
+    tmp_path_factory, session, kind, cuts, end
+):
+    path = capture(tmp_path_factory.mktemp("t") / "t.pcapng", session[:60], kind)
+    content = bytearray(path.read_bytes())
+    for place, data in cuts:
+        start = int(place * 4000)  # where the headers are, of the file and of its first packets
+        content[start : start + len(data)] = data
+    path.write_bytes(content[: max(int(end * len(content)), 100)])
+    with suppress(RecordingError):
+        learn(path, model="SR3000")
 
 
 def test_too_few_frames(tmp_path, session):

@@ -99,6 +99,8 @@ def test_learn_writes_a_profile_that_the_camera_follows(bus, tmp_path):
     assert done.exit_code == 0, done.stderr
     assert "trigger: request 0xb9" in done.stdout
     assert "allow_inferred = true" in done.stdout
+    again = run("devices", "learn", trace, "-o", profile)
+    assert (again.exit_code, "exists already" in again.stderr) == (2, True)
     stand_in.power_on()
     with UsbCamera(UsbCamera.Options(profile=profile, allow_inferred=True), stand_in.clock) as camera:
         camera.start()
