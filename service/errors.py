@@ -27,3 +27,7 @@ class SessionError(ServiceError):
 
 class RemoteError(ServiceError):
     """A running service refused a request, or none answered."""
+
+
+class CalibrationError(ServiceError):
+    """What was shown to the camera does not determine a calibration; says what is missing."""

@@ -1,0 +1,70 @@
+"""Frames of a scene in which nothing moves, reduced to one image with its noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.frame import Frame
+from service.errors import CalibrationError
+
+
+@dataclass(frozen=True)
+class Still:
+    """The mean of several frames of a still scene.
+
+    Attributes:
+        frames: how many.
+        distance: (H, W) mean distance, metres; NaN where some frame has none.
+        amplitude: (H, W) mean amplitude, linear in the received light, counts; NaN likewise.
+        deviations: (N, H, W) of each frame's distance from the mean, metres, scaled so that their mean square
+            estimates the variance of one frame.
+        ambiguity_range: metres.
+        integration_time: seconds, or None = not known.
+    """
+
+    frames: int
+    distance: NDArray[np.float64]
+    amplitude: NDArray[np.float64]
+    deviations: NDArray[np.float64]
+    ambiguity_range: float
+    integration_time: float | None
+
+
+def reduce_still(frames: Sequence[Frame]) -> Still:
+    """Average frames taken with the same settings, the distance modulo the ambiguity range.
+
+    Raises:
+        CalibrationError: no frames, or frames of different sizes or settings.
+    """
+    if not frames:
+        raise CalibrationError("there are no frames; record a still scene first: lidarboost capture")
+    settings = {(f.shape, f.ambiguity_range, f.integration_time, f.amplitude_mode) for f in frames}
+    if len(settings) > 1:
+        raise CalibrationError(
+            f"the {len(frames)} frames were taken with {len(settings)} different settings; expected the same "
+            "size, frequency and integration time in all of them: calibrate one setting at a time"
+        )
+    period = frames[0].ambiguity_range
+    distance = np.stack([frame.distance for frame in frames]).astype(np.float64)
+    first = distance[0]
+    away = np.mod(distance - first + period / 2, period) - period / 2
+    mean = away.mean(axis=0)
+    spread = np.sqrt(len(frames) / (len(frames) - 1)) if len(frames) > 1 else np.nan
+    return Still(
+        frames=len(frames),
+        distance=np.mod(first + mean, period),
+        amplitude=np.mean([_counts(frame) for frame in frames], axis=0),
+        deviations=(away - mean) * spread,
+        ambiguity_range=period,
+        integration_time=frames[0].integration_time,
+    )
+
+
+def _counts(frame: Frame) -> NDArray[np.float64]:
+    """(H, W) linear amplitude in counts, NaN where there is no distance."""
+    linear = frame.signal.astype(np.float64) * (frame.integration_time or 1.0)
+    return np.where(frame.valid, linear, np.nan)
