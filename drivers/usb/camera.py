@@ -138,6 +138,8 @@ class UsbCamera(Camera):
         except OperationError as error:
             self._after_failure(error)
             raise
+        except NotAvailableError as error:  # the permission was taken away meanwhile
+            raise DeviceLostError(str(error)) from error
         self._failures = 0
         return Frame(
             counts=counts,

@@ -9,6 +9,7 @@ from typing import Any
 import usb.backend
 import usb.backend.libusb1
 import usb.core
+import usb.util
 
 from drivers.errors import NotAvailableError
 from drivers.usb.profile import Profile, shipped_profiles
@@ -120,3 +121,5 @@ def _serial(handle: Any, port: str) -> str | None:
         return handle.serial_number or None
     except (usb.core.USBError, ValueError, NotImplementedError):
         return None
+    finally:
+        usb.util.dispose_resources(handle)

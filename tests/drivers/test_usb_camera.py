@@ -223,6 +223,25 @@ def test_permission_denied_names_the_node_and_the_rule(bus, clock):
     assert 'ATTR{idVendor}=="1ad2", ATTR{idProduct}=="0075", MODE="0660", GROUP="plugdev"' in message
 
 
+def test_a_permission_taken_away_is_a_lost_camera(bus, clock, monkeypatch):
+    stand_in = bus()
+    with started(clock) as cam:
+        cam.grab()
+
+        def denied(*_):
+            raise usb.core.USBError("Access denied", -3, errno.EACCES)
+
+        monkeypatch.setattr(stand_in, "bulk_read", denied)
+        with pytest.raises(DeviceLostError, match="no permission"):
+            cam.grab()
+
+
+def test_listing_leaves_no_handle_open(bus, clock):
+    stand_in = bus()
+    assert [device.serial for device in discovery.find_cameras()] == ["4000002F"]
+    assert stand_in.open_handles == 0
+
+
 def test_a_camera_in_use_is_not_available(bus, clock):
     stand_in = bus()
     stand_in.claim_errno = errno.EBUSY
