@@ -12,15 +12,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 from drivers.errors import RecordingError
+from drivers.usb.findings import describe, describe_registers, differences, left_out, uploaded_bytes
 from drivers.usb.profile import Fact, Profile, shipped_profiles
 from drivers.usb.sessions import SET_CONFIGURATION, Session, cut_session, ids_in, steps_of, without_pause
-from drivers.usb.steps import RegisterWrite, Step, Write
+from drivers.usb.steps import RegisterWrite, Step
 from drivers.usb.trace import Transfer, read_transfers
 
 RegisterName = Literal["integration_time", "amplitude_threshold"]
-
-MAX_LISTED = 12
-"""Values of a register that a finding lists."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +98,11 @@ def _lesson(
     is_triggered = bool(trigger) and [without_pause(step) for step in before[-len(trigger) :]] == trigger
     initialise = before[: -len(trigger)] if is_triggered else before
     finish = [s for s in steps_of(session.after, bulk_out) if not isinstance(s, RegisterWrite)]
-    writes = _register_writes(steps_of(session.transfers, bulk_out))
+    writes = [
+        (step.number, step.value)
+        for step in steps_of(session.transfers, bulk_out)
+        if isinstance(step, RegisterWrite)
+    ]
     changes: dict[str, Any] = {
         "note": f"Learned from {source}. It may hold the vendor's firmware: keep it to yourself.",
         "bulk_in": fact(session.endpoint),
@@ -108,28 +110,26 @@ def _lesson(
         "initialise": fact(tuple(initialise)),
         "trigger": fact(tuple(trigger)),
         "finish": fact(tuple(finish)),
-        "interface": fact(base.interface.known),
         "image": _image(session, base, fact),
         "registers": _registers(writes, registers, base, fact),
     }
+    if base.initialise.value is None and not uploaded_bytes(initialise):
+        changes["initialise"] = Fact[Any](
+            confidence="unknown",
+            source="the trace shows no upload, so it began after the camera was opened: begin it before.",
+        )
     configured = [t.setup[2] for t in own if t.setup[:2] == SET_CONFIGURATION]
     if configured:
         changes["configuration"] = fact(configured[-1])
     changes["exposure"] = _exposure(changes["registers"].integration_time, writes, base)
     profile = Profile.model_validate(base.model_copy(update=changes).model_dump(mode="json"))
-    uploaded = sum(len(step.data) for step in initialise if isinstance(step, Write))
     return Lesson(
         profile,
         (
-            f"{base.model}: {len(session.frames)} frames of {session.frame_bytes} bytes from endpoint "
-            f"0x{session.endpoint:02x}",
-            f"initialisation: {len(initialise)} transfers, of them {uploaded} bytes of bulk data",
-            f"trigger: {', '.join(map(str, trigger)) or 'none, the camera sends by itself'} "
-            f"({support} of {len(session.between)} frames)",
-            f"closing: {len(finish)} transfers",
-            *_register_findings(writes),
-            *_contradictions(profile, base),
-            *_left_out(own),
+            *describe(session, profile, support),
+            *differences(profile, base),
+            *describe_registers(writes),
+            *left_out(own),
         ),
     )
 
@@ -152,10 +152,6 @@ def _trigger(session: Session, bulk_out: int) -> tuple[list[Step], int]:
             "record a session that only opens, takes ten frames and closes"
         )
     return list(trigger), support
-
-
-def _register_writes(steps: Sequence[Step]) -> list[tuple[int, int]]:
-    return [(step.number, step.value) for step in steps if isinstance(step, RegisterWrite)]
 
 
 def _registers(
@@ -213,39 +209,3 @@ def _exposure(register: Fact[int], writes: list[tuple[int, int]], base: Profile)
     return base.exposure.model_copy(
         update={"value": exposure.model_copy(update={"initial": round(initial, 6)})}
     )
-
-
-def _register_findings(writes: list[tuple[int, int]]) -> list[str]:
-    values: dict[int, list[int]] = {}
-    for number, value in writes:
-        values.setdefault(number, []).append(value)
-    return [
-        f"register {number}: {len(written)} writes, {', '.join(map(str, written[:MAX_LISTED]))}"
-        f"{' …' if len(written) > MAX_LISTED else ''}"
-        for number, written in sorted(values.items())
-    ]
-
-
-def _contradictions(profile: Profile, base: Profile) -> list[str]:
-    pairs = (
-        ("image endpoint", profile.bulk_in, base.bulk_in),
-        ("register endpoint", profile.bulk_out, base.bulk_out),
-        ("bytes read per frame", profile.image.read_bytes, base.image.read_bytes),
-        ("trigger", profile.trigger, base.trigger),
-    )
-    return [
-        f"{name}: {_show(new.value)} in the trace, {_show(old.value)} ({old.confidence}) as shipped"
-        for name, new, old in pairs
-        if old.value is not None and new.value != old.value
-    ]
-
-
-def _show(value: object) -> str:
-    return ", ".join(map(str, value)) or "none" if isinstance(value, tuple) else str(value)
-
-
-def _left_out(own: list[Transfer]) -> list[str]:
-    failed = sum(not t.succeeded for t in own if t.kind in ("control", "bulk") and not t.reads)
-    other = sum(t.kind not in ("control", "bulk") for t in own)
-    found = [f"left out: {failed} transfers to the camera that failed or have no end"] if failed else []
-    return [*found, f"left out: {other} interrupt or isochronous transfers"] if other else found

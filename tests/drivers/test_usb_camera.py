@@ -236,7 +236,7 @@ def test_a_permission_taken_away_is_a_lost_camera(bus, clock, monkeypatch):
             cam.grab()
 
 
-def test_listing_leaves_no_handle_open(bus, clock):
+def test_listing_leaves_no_handle_open(bus):
     stand_in = bus()
     assert [device.serial for device in discovery.find_cameras()] == ["4000002F"]
     assert stand_in.open_handles == 0

@@ -175,6 +175,14 @@ def test_a_trace_without_descriptor_needs_the_model(tmp_path, session):
         learn(path, model="SR9")
 
 
+def test_a_trace_that_began_too_late_leaves_the_upload_unknown(tmp_path, session):
+    late = [transfer for transfer in session if not (transfer.kind == "write" and len(transfer.sent) > 2)]
+    lesson = learn(capture(tmp_path / "t.pcapng", late, "220"))
+    assert lesson.profile.initialise.confidence == "unknown"
+    assert any("initialisation: unknown; the trace shows no upload" in f for f in lesson.findings)
+    assert lesson.profile.interface.confidence == "inferred"  # no trace shows which interface was claimed
+
+
 def test_failed_transfers_are_left_out(tmp_path, session):
     stall = Transfer("control", 0, session[3].completed, session[3].completed + 9,
                      bytes((0x40, 0xEE, 0, 0, 0, 0, 0, 0)), status=32)  # fmt: skip
