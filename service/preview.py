@@ -83,7 +83,9 @@ def _judged(axes: "Axes", result: FusedBurst, truth: NDArray[np.float32] | None)
     error = error_map(result, truth)
     if error is None:
         spread = result.deviation * 1000
-        _image(axes, spread, "magma", "standard deviation, mm", "deviation", 0.0, _range(spread)[1])
+        # Where hardly anything came back it is many times what it is elsewhere, and would hide all the rest.
+        limit = float(np.nanpercentile(spread, 90)) if np.isfinite(spread).any() else 1.0
+        _image(axes, spread, "magma", "standard deviation, mm", "deviation", 0.0, limit)
         return
     limit = (
         float(np.clip(np.nanpercentile(np.abs(error), 95) * 1000, 1.0, None))
