@@ -1,0 +1,141 @@
+"""`mrf`: Markov random field: quadratic data term, smoothness that stops at the edges of an intensity image.
+
+    E(X) = Σ_u w_u (x_u − m_u)² + λ Σ_{u,v} g_uv (x_u − x_v)²,     g_uv = exp(−c ‖I_u − I_v‖²)
+
+over neighbours u, v along rows and columns, w and m the number and mean of the samples that fall on a fused
+pixel: one sparse symmetric linear system. λ is a pure number, the weight of a link against that of a sample.
+I is the guide (a photograph registered to the view), or the fused amplitude; without either, all links are
+equal.
+
+Source: Diebel, Thrun, "An Application of Markov Random Fields to Range Sensing", NIPS 2005.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver import noise as noise_law
+from solver.fill import nearest
+from solver.problem import Problem, Solution
+from solver.result import Progress
+from solver.sampling import Samples, sample
+from solver.stencil import conjugate_gradients
+
+Image = NDArray[np.float32]
+
+EDGE = 0.05  # of the guide's range: a step at which a link has exp(−½) of its weight; c = 1 / (2 · EDGE²)
+_BOUNDS = (0.01, 10.0)  # of λ set from the noise
+LEAST_LINK = 1e-3  # of the weight of a full one, so that no pixel hangs in the air
+
+
+def solve(problem: Problem, *, initial: Solution | None = None, progress: Progress | None = None) -> Solution:
+    """Solve the linear system by conjugate gradients, to `tolerance` / 100 of the right side."""
+    used = np.isfinite(problem.distance)
+    samples = sample(problem.distance, used.astype(np.float32), problem.positions, problem.options.upsampling)
+    seen = samples.weight > 0
+    given = problem.options.regularization
+    strength = _strength(problem) if given == "auto" else float(given)
+    guide, amplitude = _guide(problem)
+    stencil = _stencil(samples.weight, guide, strength)
+    middle = np.float32(np.median(samples.mean[seen]))
+    first = nearest(np.where(seen, samples.mean - middle, 0).astype(np.float32), seen)
+    if initial is not None:
+        known = np.isfinite(initial.distance)
+        first = np.where(known, initial.distance - middle, first).astype(np.float32)
+    right = samples.weight * np.where(seen, samples.mean - middle, 0).astype(np.float32)
+    limit = problem.options.max_iterations
+    image, steps = conjugate_gradients(
+        stencil, right[None], first[None], steps=limit, tolerance=problem.options.tolerance / 100
+    )
+    value = _objective(image[0], samples, right, stencil, middle)
+    if progress is not None:
+        progress(steps, value, None)
+    return Solution(image[0] + middle, amplitude, strength, steps, value, None, steps < limit)
+
+
+def _strength(problem: Problem) -> float:
+    """λ = σ² / τ²: the variance of a sample against that of the difference between neighbours on a surface.
+
+    τ is the median difference between neighbouring pixels of a frame, spread over the β fused pixels
+    between them.
+    """
+    factor = problem.options.upsampling
+    steps = np.abs(np.diff(problem.distance, axis=2))
+    steps = steps[np.isfinite(steps)]
+    finite = problem.sigma[np.isfinite(problem.sigma) & np.isfinite(problem.distance)]
+    sigma = float(np.median(finite)) if finite.size else 0.0
+    tau = float(np.median(steps)) / factor if steps.size else 0.0
+    return float(np.clip(sigma**2 / tau**2, *_BOUNDS)) if tau > 0 else _BOUNDS[1]
+
+
+def _guide(problem: Problem) -> tuple[Image | None, Image | None]:
+    """The guide on [0, 1], and the fused amplitude where it was made."""
+    if problem.guide is not None:
+        return _normalised(problem.guide), None
+    if problem.amplitude is None:
+        return None, None
+    amplitude = _fused_amplitude(problem)
+    return _normalised(amplitude), amplitude
+
+
+def _fused_amplitude(problem: Problem) -> Image:
+    """The amplitude images fused like distances, each pixel's footprint undone (`area`)."""
+    from solver.methods import load
+
+    light = problem.amplitude
+    assert light is not None
+    noise = noise_law.estimate(light, None)
+    options = replace(problem.options, method="area", regularization="auto")
+    plain = replace(
+        problem,
+        distance=light,
+        amplitude=None,
+        sigma=np.full_like(light, noise),
+        noise=noise,
+        ambiguity_range=None,
+        options=options,
+    )
+    return load("area")(plain).distance
+
+
+def _normalised(image: Image) -> Image:
+    finite = np.isfinite(image)
+    if not finite.any():
+        return np.zeros_like(image)
+    low, high = np.percentile(image[finite], (1, 99))
+    span = float(high - low)
+    flat = np.where(finite, image, low)
+    return np.asarray((flat - low) / span if span > 0 else np.zeros_like(image), np.float32)
+
+
+def _stencil(weight: Image, guide: Image | None, strength: float) -> Image:
+    stencil = np.zeros((5, *weight.shape), np.float32)
+    across, down = _links(guide, weight.shape, 1), _links(guide, weight.shape, 0)
+    across, down = across * np.float32(strength), down * np.float32(strength)
+    stencil[0] = weight
+    stencil[0, :, :-1] += across
+    stencil[0, :, 1:] += across
+    stencil[0, :-1] += down
+    stencil[0, 1:] += down
+    stencil[1, :, :-1] = -across
+    stencil[2, :-1] = -down
+    return stencil
+
+
+def _links(guide: Image | None, shape: tuple[int, ...], axis: int) -> Image:
+    if guide is None:
+        return np.ones([size - (number == axis) for number, size in enumerate(shape)], np.float32)
+    step = np.diff(guide, axis=axis) / np.float32(EDGE)
+    return np.maximum(np.exp(-0.5 * step * step), LEAST_LINK).astype(np.float32)
+
+
+def _objective(image: Image, samples: Samples, right: Image, stencil: Image, middle: np.float32) -> float:
+    """xᵀ S x − 2 bᵀ x + Σ w m² + the part that no map changes, in float64."""
+    x = image.astype(np.float64)
+    S = stencil.astype(np.float64)
+    square = float((S[0] * x * x).sum() + 2 * (S[1, :, :-1] * x[:, :-1] * x[:, 1:]).sum())
+    square += 2 * float((S[2, :-1] * x[:-1] * x[1:]).sum())
+    offset = np.where(samples.weight > 0, samples.mean - middle, 0).astype(np.float64)
+    constant = float((samples.weight * offset**2).sum()) + samples.constant
+    return max(0.0, square - 2 * float((right * x).sum()) + constant)
