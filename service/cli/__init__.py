@@ -45,7 +45,12 @@ COMMANDS: dict[str, Entry] = {
     "export": Entry("service.cli.export", "export", "Export to NumPy or PLY.", _RECORDINGS),
     "recover": Entry("service.cli.recover", "recover", "Save what a torn recording holds.", _RECORDINGS),
     "fuse": Entry("service.cli.fuse", "fuse", "Fuse recordings offline.", _RECORDINGS),
-    "devices": Entry("service.cli.devices", "app", "List devices; learn a camera from a USB trace.", _DEVICES),
+    "devices": Entry(
+        "service.cli.devices", "app", "List devices; learn a camera from a USB trace.", _DEVICES
+    ),
+    "calibrate": Entry(
+        "service.cli.calibrate", "calibrate", "Find a camera's optics, errors, noise and mount.", _DEVICES
+    ),
     "config": Entry("service.cli.config", "config", "Check a configuration, or show its schema.", _REST),
 }
 """Every command, in the order that help shows them."""
@@ -157,9 +162,13 @@ def _root(
 ) -> None:
     """Live depth superresolution for SwissRanger-class time-of-flight cameras.
 
-    Begin with a recording:  lidarboost run --replay recordings/wedges.mcap --once --output out
+    Begin with a recording:
 
-    or with everything simulated, camera and stage:  lidarboost run --output out
+      lidarboost run --replay recordings/wedges.mcap --once --output out
+
+    or make one of your own:
+
+      lidarboost simulate --output scan.mcap
     """
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
@@ -168,5 +177,5 @@ def _root(
 
 def main() -> NoReturn:
     """The console command `lidarboost`."""
-    app()
+    app(prog_name="lidarboost")
     raise SystemExit(DONE)

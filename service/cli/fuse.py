@@ -43,8 +43,9 @@ def fuse(
 ) -> None:
     """Fuse every burst of one or more recordings, and show method, λ and quality.
 
-    Errors against the truth are given where a recording holds it (the bundled ones do). Inputs that cannot be
-    fused are named and passed over; the exit status tells.
+    Errors against the truth are given where a recording holds it (the
+    bundled ones do). Inputs that cannot be fused are named and passed
+    over; the exit status tells.
 
     [bold]Examples[/bold]
 
@@ -54,7 +55,10 @@ def fuse(
 
       lidarboost fuse scan.mcap -o fused.mcap --json
 
-    [bold]Exit status[/bold]  0 done; 1 an input could not be fused; 2 wrong usage; 3 an input is damaged
+    [bold]Exit status[/bold]
+
+    0 done; 1 an input could not be fused; 2 wrong usage; 3 done, but an
+    input is damaged.
     """
     from service.config_file import load
 

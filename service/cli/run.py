@@ -54,21 +54,29 @@ def run(
 ) -> None:
     """Capture or play frames, fuse them, and publish the maps over Zenoh.
 
-    Without options it is a daemon: it scans as configured, publishes what it fuses, survives lost devices,
-    and ends cleanly on SIGTERM or Ctrl-C.
+    Without --once it is a daemon: it scans as configured, publishes
+    what it fuses, survives lost devices, and ends cleanly on SIGTERM.
 
     [bold]Examples[/bold]
 
-      lidarboost run --replay recordings/wedges.mcap --once --output out   fuse a recording, then end
+    Fuse a recording, save maps and pictures, then end:
+      lidarboost run --replay recordings/wedges.mcap --once --output out
 
-      lidarboost run --replay recordings/wedges.mcap --loop                stand in for a live camera
+    Let a recording stand in for a live camera:
+      lidarboost run --replay recordings/wedges.mcap --loop
 
-      lidarboost run rig.toml                                              the rig that rig.toml describes
+    The rig that rig.toml describes:
+      lidarboost run rig.toml
 
-      LIDARBOOST_CAMERA__BACKEND=simulated LIDARBOOST_STAGE__BACKEND=simulated lidarboost run --once
+    One burst of a simulated camera on a simulated stage:
+      LIDARBOOST_CAMERA__BACKEND=simulated \\
+      LIDARBOOST_STAGE__BACKEND=simulated lidarboost run --once
 
-    [bold]Exit status[/bold]  0 done; 1 failed; 2 wrong usage or configuration; 3 done, but data was lost
-    (a damaged recording, a burst that could not be fused, something not delivered).
+    [bold]Exit status[/bold]
+
+    0 done; 1 failed; 2 wrong usage or configuration; 3 done, but data
+    was lost: a damaged recording, a burst that could not be fused,
+    something not delivered. A daemon told to stop ends with 0.
     """
     from service.cli.progress import shown_progress
     from service.config_file import load
