@@ -63,7 +63,7 @@ class Sighting:
     outline: NDArray[np.float64]
 
 
-def find_board(amplitude: NDArray[np.floating], board: Board) -> Sighting | None:
+def find_board(amplitude: NDArray[np.generic], board: Board) -> Sighting | None:
     """The board in an amplitude image, or None where it is not (wholly, for a chessboard) in view.
 
     Args:
@@ -81,9 +81,9 @@ def find_board(amplitude: NDArray[np.floating], board: Board) -> Sighting | None
     return None
 
 
-def _picture(amplitude: NDArray[np.floating], upsampling: int) -> NDArray[np.uint8]:
+def _picture(amplitude: NDArray[np.generic], upsampling: int) -> NDArray[np.uint8]:
     """8 bits, square root of the amplitude: the lamp beside the lens lights the near side far more."""
-    light = np.sqrt(np.nan_to_num(amplitude, nan=0.0).astype(np.float64))
+    light = np.sqrt(np.nan_to_num(amplitude.astype(np.float64), nan=0.0))
     dark, bright = np.percentile(light, (2, 99.5))
     scaled = np.clip(255 * (light - dark) / max(bright - dark, 1e-9), 0, 255).astype(np.uint8)
     large = cv2.resize(scaled, None, fx=upsampling, fy=upsampling, interpolation=cv2.INTER_CUBIC)

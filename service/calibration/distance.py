@@ -34,6 +34,7 @@ class DistanceFit:
         distances: perpendicular distance of each wall as fitted, metres.
         profile: (2, M) measured distance and error left by a fit of constant alone, metres.
         is_known: whether distances were given.
+        ambiguity_range: metres.
     """
 
     corrections: Corrections
@@ -44,6 +45,7 @@ class DistanceFit:
     distances: tuple[float, ...]
     profile: NDArray[np.float64]
     is_known: bool
+    ambiguity_range: float
 
     def apply(self, calibration: Calibration) -> Calibration:
         """`calibration` with these corrections."""
@@ -113,4 +115,5 @@ def calibrate_distance(
         distances=tuple(float(1 / np.linalg.norm(q)) for q in solved.planes),
         profile=fit.profile(plain),
         is_known=distances is not None,
+        ambiguity_range=stills[0].ambiguity_range,
     )
