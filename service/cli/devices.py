@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from drivers.listing import FoundDevice
     from drivers.usb.learn import RegisterName
 
-app = typer.Typer(no_args_is_help=False, invoke_without_command=True, rich_markup_mode="rich")
+app = typer.Typer(invoke_without_command=True, rich_markup_mode="rich", add_completion=False)
 
 REGISTERS: tuple["RegisterName", ...] = ("integration_time", "amplitude_threshold")
 
@@ -46,7 +46,7 @@ def devices(
 def learn(
     trace: Annotated[Path, typer.Argument(help="usbmon or USBPcap capture, pcapng or pcap.")],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Profile to write [default: MODEL-learned.toml].")
+        Path | None, typer.Option("-o", "--output", help="Profile to write (default: MODEL-learned.toml).")
     ] = None,
     model: Annotated[
         str | None, typer.Option(help="SR2A, SR2B, SR3000 or SR4000, where the trace does not tell.")
@@ -62,12 +62,13 @@ def learn(
 ) -> None:
     """Write a USB profile from a trace of the vendor's software opening the camera, taking frames, closing.
 
-    Record the trace before the camera is plugged in. Linux: `modprobe usbmon`, then `tshark -i usbmon0 -w
-    trace.pcapng`. Windows: Wireshark with USBPcap. Then plug in, let the software open the camera, take ten
-    frames, and close it.
+    Begin the trace before the camera is plugged in. Linux: `modprobe usbmon`,
+    then `tshark -i usbmon0 -w trace.pcapng`. Windows: Wireshark with USBPcap.
+    Then plug in, let the software open the camera, take ten frames, close it.
 
-    The profile is data: it lists the requests that were seen, and the camera `usb` sends no others. Using it
-    needs `profile` and `allow_inferred = true` among the camera's options.
+    The profile is data: it lists the requests that were seen, and the camera
+    `usb` sends no others. Using it needs `profile` and `allow_inferred = true`
+    among the camera's options.
     """
     from drivers.usb.learn import learn as learn_profile
 
