@@ -10,6 +10,21 @@ def reach(seen: NDArray[np.bool_]) -> NDArray[np.float32]:
     return np.asarray(cv2.distanceTransform((~seen).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE))
 
 
+def smoothed(values: NDArray[np.float32], weight: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
+    """The mean of the samples around each pixel; beyond them, that of the nearest pixel that has one.
+
+    Args:
+        values: the mean of the samples on each pixel; weight: their weight, 0 where there are none.
+        factor: β; the mean is Gaussian, of deviation 0.4 low-resolution pixels, which bridges the gaps
+            between the samples of a burst.
+    """
+    spread = 0.4 * factor
+    total = cv2.GaussianBlur(values * weight, (0, 0), spread, borderType=cv2.BORDER_CONSTANT)
+    share = cv2.GaussianBlur(weight, (0, 0), spread, borderType=cv2.BORDER_CONSTANT)
+    known = share > 1e-3 * float(weight.max())
+    return nearest(np.divide(total, share, out=np.zeros_like(total), where=known), known)
+
+
 def nearest(values: NDArray[np.float32], seen: NDArray[np.bool_]) -> NDArray[np.float32]:
     """The values with each unseen pixel taking that of the nearest seen one (at least one is seen)."""
     if seen.all():

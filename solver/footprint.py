@@ -108,13 +108,13 @@ class AreaTerm:
         kernels.gradient(ones, self._stencil, none, self._taps, self._size, ones.dtype.type(2), sums)
         return float(sums.max())
 
-    def steps(self, norm: float) -> tuple[float, float, float]:
-        ratio = 0.5
-        L = self.curvature
-        # τ (L / 2 + σ norm²) = 1 with σ = ratio · τ.
-        a = ratio * norm**2
-        tau = (-L / 2 + np.sqrt(L * L / 4 + 4 * a)) / (2 * a)
-        return float(tau), float(ratio * tau), 1.0
+    def steps(self, norm: float, variation: float) -> tuple[float, float, float]:
+        # Measured like the sparse term's. It converges where (L / 2) / (1 / τ − σ norm²) ≤ 2 − ρ (Condat).
+        ratio = min(max(1 / max(variation, 1e-9), 0.02), 4.0)
+        rho = 1.4
+        slope, square = self.curvature / (2 * (2 - rho)), ratio * norm**2
+        tau = 2 / (slope + np.sqrt(slope**2 + 4 * square))
+        return float(tau), float(ratio * tau), rho
 
     def pull(self, x: NDArray[np.floating], tau: float) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
         factor = x.dtype.type(-2 * tau)

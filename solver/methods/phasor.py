@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import FusionInputError
-from solver.fill import nearest
+from solver.fill import smoothed
 from solver.footprint import AreaTerm, Footprint
 from solver.primal_dual import State, start, warm
 from solver.prior import Prior
@@ -87,11 +87,12 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
 
 
 def _first(values: NDArray[np.float32], weights: NDArray[np.float32], problem: Problem, margin: int) -> State:
-    """The nearest sample's phasor at every pixel."""
+    """The mean phasor of the samples around each pixel."""
     channels = []
     for channel in values:
         samples = sample(channel, weights, problem.positions, problem.options.upsampling)
-        channels.append(np.pad(nearest(samples.mean, samples.weight > 0), margin, mode="edge"))
+        first = smoothed(samples.mean, samples.weight, problem.options.upsampling)
+        channels.append(np.pad(first, margin, mode="edge"))
     return start(np.stack(channels))
 
 
