@@ -1,7 +1,6 @@
 """What runs inside the fusion worker's process."""
 
 import os
-import signal
 import time
 from contextlib import suppress
 from dataclasses import dataclass
@@ -36,8 +35,8 @@ class Failure:
 
 def serve(pipe: Connection, settings: FusionSection) -> None:
     """Fuse what comes through the pipe until it ends."""
-    # Ctrl-C reaches the whole process group; the parent alone decides what it means.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Signals to a process group (Ctrl-C, `timeout`) are the parent's alone to answer.
+    os.setpgid(0, 0)
     os.nice(_NICENESS)
     with suppress(EOFError, OSError):
         pipe.send(_warm_up(settings))

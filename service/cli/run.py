@@ -3,6 +3,7 @@
 import logging
 import signal
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +16,9 @@ if TYPE_CHECKING:
     from service.config import Configuration
     from service.daemon import Daemon
     from service.summary import RunSummary
+
+_IMPATIENCE = 2.0
+"""Seconds after which a second signal is meant: `timeout` and some supervisors send each one twice."""
 
 _REPLAY, _RUN = "Playing a recording", "Running"
 
@@ -127,11 +131,17 @@ def _playing(configuration: "Configuration", path: Path, speed: float | None, lo
 
 @contextmanager
 def _stopped_by_signals(daemon: "Daemon") -> Iterator[None]:
-    """SIGTERM and Ctrl-C end the run cleanly; a second one ends it at once."""
+    """SIGTERM and Ctrl-C end the run cleanly; another one some seconds later ends it at once."""
+    first: float | None = None
 
     def stop(number: int, _frame: FrameType | None) -> None:
+        nonlocal first
         daemon.stop.set()
-        signal.signal(number, signal.SIG_DFL if number == signal.SIGTERM else signal.default_int_handler)
+        now = time.monotonic()
+        first = first or now
+        if now - first > _IMPATIENCE:
+            signal.signal(number, signal.SIG_DFL)
+            signal.raise_signal(number)
 
     before = {number: signal.signal(number, stop) for number in (signal.SIGTERM, signal.SIGINT)}
     try:

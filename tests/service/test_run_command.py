@@ -302,6 +302,7 @@ def test_a_running_service_ends_cleanly_on_sigterm(small: Path) -> None:
         said.append(line)
         if ": 4 of 4 frames" in line:
             service.send_signal(signal.SIGTERM)
+            service.send_signal(signal.SIGTERM)  # as `timeout` does
             break
     rest, _ = service.communicate(timeout=60)
     assert service.returncode == 0, "".join(said) + rest
