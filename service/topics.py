@@ -23,7 +23,6 @@ FUSED_REPORT = "fused/report"
 STATUS = "status"
 LOG = "log"
 ALIVE = "alive"
-COMMANDS = ("cmd/scan", "cmd/stream", "cmd/record", "cmd/replay", "cmd/settings", "cmd/plan")
 
 
 class Congestion(Enum):
@@ -166,12 +165,6 @@ _ROWS = (
         "JSON: state, source, rates, drops by cause, disk, last error",
     ),
     Topic(LOG, "foxglove.Log", "as it happens", True, _BLOCK, True, "the service's log"),
-    Topic("cmd/scan", "JSON", "query", False, _NONE, False, "`start`, `stop` or `once`: scan the plan"),
-    Topic("cmd/stream", "JSON", "query", False, _NONE, False, "`start` or `stop`: fuse a sliding window"),
-    Topic("cmd/record", "JSON", "query", False, _NONE, False, "`start`, `stop` or `keep` the recording"),
-    Topic("cmd/replay", "JSON", "query", False, _NONE, False, "pause, step, seek and speed of a replay"),
-    Topic("cmd/settings", "JSON", "query", False, _NONE, False, "read or change the camera's settings"),
-    Topic("cmd/plan", "JSON", "query", False, _NONE, False, "read or change the plan of poses"),
     Topic(ALIVE, "–", "liveliness token", False, _NONE, False, "present as long as the service runs"),
 )
 
