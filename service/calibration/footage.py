@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
-from threading import Event
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.calibration import Calibration
-from drivers.errors import EndOfRecordingError
 from drivers.frame import Frame
 from drivers.recording import open_recording
 from drivers.stage import Position
 from service.calibration.board import Board, Sighting, find_board
 from service.calibration.intrinsics import is_new
 from service.calibration.mount import View
-from service.capture import Grabber, ScanBursts
+from service.capture import ScanBursts
 from service.config import Configuration
 from service.errors import CalibrationError
+from service.live import filmed, live
 from service.plan import Plan
-from service.rig import make_rig
 
 
 @dataclass(frozen=True)
@@ -48,27 +45,10 @@ def recorded(paths: Sequence[Path]) -> list[Footage]:
     return found
 
 
-@contextmanager
-def live(configuration: Configuration) -> Iterator[Grabber]:
-    """The configured camera on its stage, open and started; raises as `Rig.open`."""
-    rig = make_rig(configuration)
-    rig.open()
-    try:
-        yield Grabber(rig, configuration.camera.timeout, Event())
-    finally:
-        rig.close()
-
-
 def film(configuration: Configuration, count: int) -> Footage:
     """`count` frames of what the camera sees now, or as many as a recording that is played has."""
     with live(configuration) as grabber:
-        frames: list[Frame] = []
-        try:
-            while len(frames) < count:
-                frames.append(grabber.grab())
-        except EndOfRecordingError:
-            pass
-        return Footage(tuple(frames), grabber.rig.calibration)
+        return Footage(tuple(filmed(grabber, count)), grabber.rig.calibration)
 
 
 def find_sightings(
@@ -91,17 +71,6 @@ def find_sightings(
         if len(views) >= enough:
             break
     return views
-
-
-def grabbed(grabber: Grabber, seconds: float) -> Iterator[Frame]:
-    """Frames as they come, for `seconds`, or until a recording that is played ends."""
-    clock = grabber.rig.clock
-    end = clock.now() + round(seconds * 1e9)
-    while clock.now() < end:
-        try:
-            yield grabber.grab()
-        except EndOfRecordingError:
-            return
 
 
 def find_views(frames: Sequence[Frame], board: Board) -> list[View]:

@@ -34,6 +34,9 @@ LARGEST_ERROR = 0.5
 """Pixels RMS."""
 
 
+Values = NDArray[np.float64]
+
+
 @dataclass(frozen=True)
 class View:
     """The board as seen at one pose of the stage."""
@@ -160,20 +163,20 @@ class _Problem:
         from scipy.optimize import least_squares
 
         free = self._free(angles)
-
-        def residuals(values: NDArray[np.float64]) -> NDArray[np.float64]:
-            x = np.zeros(12)
-            x[free] = values
-            return self._residuals(x, stage, base)
-
         base = np.asarray(cv2.Rodrigues(rotation)[0], dtype=np.float64)
-        found = least_squares(residuals, self._start(stage[0] @ base)[free], x_scale="jac")
-        x, spread = np.zeros(12), np.zeros(12)
-        x[free] = found.x
+        x, spread = self._start(stage[0] @ base), np.zeros(12)
+        for _ in range(2):  # the second time from the solution, about which the deviations are stated
+
+            def residuals(values: Values, about: Values = base) -> Values:
+                return self._residuals(_filled(values, free), stage, about)
+
+            found = least_squares(residuals, x[free], x_scale="jac")
+            x = _filled(found.x, free)
+            base = np.asarray(cv2.Rodrigues(x[:3])[0] @ base, dtype=np.float64)
+            x[:3] = 0.0
         jacobian = np.asarray(found.jac)
         spread[free] = np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)) * found.fun.var())
-        turn = cv2.Rodrigues(cv2.Rodrigues(x[:3])[0] @ base)[0].ravel()
-        arm, moved = x[3:6], np.ptp(angles, axis=0)
+        turn, arm, moved = cv2.Rodrigues(base)[0].ravel(), x[3:6], np.ptp(angles, axis=0)
         return MountFit(
             mount=Mount(
                 rotation=(float(turn[0]), float(turn[1]), float(turn[2])),
@@ -224,3 +227,9 @@ class _Problem:
             pixels, _ = cv2.projectPoints(seen, np.zeros(3), np.zeros(3), self._K, self._lens)
             found.append((pixels.reshape(-1, 2) - sighting.pixels).ravel())
         return np.concatenate(found)
+
+
+def _filled(values: NDArray[np.float64], free: NDArray[np.bool_]) -> NDArray[np.float64]:
+    x = np.zeros(len(free))
+    x[free] = values
+    return x

@@ -161,15 +161,17 @@ class WallFit:
         return float(np.sqrt(total / count))
 
     def profile(self, solution: Solution) -> NDArray[np.float64]:
-        """(2, M) measured distance and residual plus constant, in up to 60 bins of distance."""
-        distance = np.concatenate([d[on] for d, on in self._measured()])
-        errors = [
-            self._linearised(solution.planes[k], solution.shared, d[on], on, (), None)[0]
-            for k, (d, on) in enumerate(self._measured())
-        ]
-        order = np.argsort(distance)
-        error = np.concatenate(errors) + solution.shared[0]
-        groups = [group for group in np.array_split(order, 60) if group.size]
+        """(2, M) expected measured distance and residual plus constant, in up to 60 bins of distance.
+
+        Binned by what is expected: among like distances, those that measured near would have low errors.
+        """
+        expected, errors = [], []
+        for k, (measured, on) in enumerate(self._measured()):
+            error, _ = self._linearised(solution.planes[k], solution.shared, measured[on], on, (), None)
+            expected.append(measured[on] - error)
+            errors.append(error + solution.shared[0])
+        distance, error = np.concatenate(expected), np.concatenate(errors)
+        groups = [group for group in np.array_split(np.argsort(distance), 60) if group.size]
         return np.array([[distance[g].mean() for g in groups], [error[g].mean() for g in groups]])
 
     def _linearised(

@@ -48,6 +48,9 @@ COMMANDS: dict[str, Entry] = {
     "devices": Entry(
         "service.cli.devices", "app", "List devices; learn a camera from a USB trace.", _DEVICES
     ),
+    "doctor": Entry("service.cli.doctor", "doctor", "Check this machine, and say how to mend it.", _DEVICES),
+    "capture": Entry("service.cli.capture", "capture", "Record a few frames, with a picture.", _DEVICES),
+    "hz": Entry("service.cli.hz", "hz", "Show frame rate, jitter and drops.", _DEVICES),
     "calibrate": Entry(
         "service.cli.calibrate", "calibrate", "Find a camera's optics, errors, noise and mount.", _DEVICES
     ),

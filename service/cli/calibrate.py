@@ -77,8 +77,9 @@ def intrinsics(
 
       lidarboost calibrate intrinsics -c rig.toml --board 8x5 --square 40 --charuco DICT_4X4_50 --marker 30
     """
-    from service.calibration.footage import find_sightings, grabbed, live, recorded
+    from service.calibration.footage import find_sightings, recorded
     from service.calibration.intrinsics import calibrate_intrinsics
+    from service.live import filmed, live
 
     _check_output(output, base, force)
     printed = _board(board, square, charuco, marker)
@@ -91,7 +92,7 @@ def intrinsics(
         else:
             with live(_configuration(config)) as grabber:
                 known = grabber.rig.calibration
-                seen = find_sightings(grabbed(grabber, seconds), printed, views, tell)
+                seen = find_sightings(filmed(grabber, seconds=seconds), printed, views, tell)
     fit = calibrate_intrinsics(seen, known.shape)
     _save(fit, "intrinsics", _base(base, known), output, as_json)
 

@@ -1,0 +1,28 @@
+"""Checks of what a rig needs from its machine; for each problem, the line that mends it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from service.config import Configuration
+from service.doctor.check import Check
+from service.doctor.host import check_clock, check_disk, check_zenoh
+from service.doctor.serial_ports import check_serial
+from service.doctor.usb import check_udev, check_usb, check_vendor_library, udev_rules
+
+__all__ = ["Check", "examine", "udev_rules"]
+
+CHECKS: tuple[Callable[[Configuration], Iterator[Check]], ...] = (
+    check_usb,
+    check_udev,
+    check_vendor_library,
+    check_serial,
+    check_zenoh,
+    check_disk,
+    check_clock,
+)
+
+
+def examine(configuration: Configuration) -> list[Check]:
+    """Look at everything; nothing is opened, sent or changed."""
+    return [check for part in CHECKS for check in part(configuration)]
