@@ -24,8 +24,8 @@ from solver.stencil import conjugate_gradients
 
 Image = NDArray[np.float32]
 
-EDGE = 0.05  # of the guide's range: a step at which a link has exp(−½) of its weight; c = 1 / (2 · EDGE²)
-_BOUNDS = (0.01, 10.0)  # of λ set from the noise
+EDGE = 0.02  # of the guide's range: a step at which a link has exp(−½) of its weight; c = 1 / (2 · EDGE²)
+GUIDED, PLAIN = 4.0, 0.05  # λ for `auto`: links that stop at edges may be stiff, others would blur them
 LEAST_LINK = 1e-3  # of the weight of a full one, so that no pixel hangs in the air
 
 
@@ -35,8 +35,9 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     samples = sample(problem.distance, used.astype(np.float32), problem.positions, problem.options.upsampling)
     seen = samples.weight > 0
     given = problem.options.regularization
-    strength = _strength(problem) if given == "auto" else float(given)
     guide, amplitude = _guide(problem)
+    automatic = PLAIN if guide is None else GUIDED
+    strength = automatic if given == "auto" else float(given)
     stencil = _stencil(samples.weight, guide, strength)
     middle = np.float32(np.median(samples.mean[seen]))
     first = nearest(np.where(seen, samples.mean - middle, 0).astype(np.float32), seen)
@@ -52,21 +53,6 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     if progress is not None:
         progress(steps, value, None)
     return Solution(image[0] + middle, amplitude, strength, steps, value, None, steps < limit)
-
-
-def _strength(problem: Problem) -> float:
-    """λ = σ² / τ²: the variance of a sample against that of the difference between neighbours on a surface.
-
-    τ is the median difference between neighbouring pixels of a frame, spread over the β fused pixels
-    between them.
-    """
-    factor = problem.options.upsampling
-    steps = np.abs(np.diff(problem.distance, axis=2))
-    steps = steps[np.isfinite(steps)]
-    finite = problem.sigma[np.isfinite(problem.sigma) & np.isfinite(problem.distance)]
-    sigma = float(np.median(finite)) if finite.size else 0.0
-    tau = float(np.median(steps)) / factor if steps.size else 0.0
-    return float(np.clip(sigma**2 / tau**2, *_BOUNDS)) if tau > 0 else _BOUNDS[1]
 
 
 def _guide(problem: Problem) -> tuple[Image | None, Image | None]:
