@@ -4,7 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from solver.errors import FusionError, FusionInputError, FusionWarning, RegistrationError
-from solver.options import FusionOptions, Method
+from solver.options import NEIGHBOURHOOD, Footprint, FusionOptions, Method
 from solver.result import Fused, Progress, Report, Seconds
 
 if TYPE_CHECKING:
@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from solver.sliding import SlidingFusion
 
 __all__ = [
+    "NEIGHBOURHOOD",
+    "Footprint",
     "Fused",
     "FusionError",
     "FusionInputError",

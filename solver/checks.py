@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from solver.errors import FusionInputError
 from solver.methods import METHODS
-from solver.options import FusionOptions
+from solver.options import NEIGHBOURHOOD, FusionOptions
 
 
 def check_options(options: FusionOptions) -> None:
@@ -25,6 +25,14 @@ def check_options(options: FusionOptions) -> None:
     if options.amplitude_threshold != "auto":
         _check_number("amplitude_threshold", options.amplitude_threshold, least=0.0)
     _check_number("fill", options.fill, least=0.0)
+    _check_number("footprint.side", options.footprint.side, above=0.0)
+    _check_number("footprint.blur", options.footprint.blur, least=0.0)
+    offsets = set(options.neighbourhood)
+    if not {(0, 1), (1, 0)} <= offsets <= set(NEIGHBOURHOOD):
+        raise FusionInputError(
+            f"neighbourhood is {options.neighbourhood!r}; "
+            f"expected (0, 1), (1, 0) and any others of {NEIGHBOURHOOD}"
+        )
 
 
 def check_frames(distance: ArrayLike, name: str = "distance") -> NDArray[np.float32]:

@@ -4,6 +4,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.kernels import fill as kernels
+
+_SWEEPS, _OVER = 60, 1.85
+"""Enough for gaps of 40 pixels, twice the default reach of filling at ×4, to about a per cent."""
+
 
 def reach(seen: NDArray[np.bool_]) -> NDArray[np.float32]:
     """(rows, columns): distance in pixels to the nearest pixel that is seen (at least one is)."""
@@ -23,6 +28,14 @@ def smoothed(values: NDArray[np.float32], weight: NDArray[np.float32], factor: i
     share = cv2.GaussianBlur(weight, (0, 0), spread, borderType=cv2.BORDER_CONSTANT)
     known = share > 1e-3 * float(weight.max())
     return nearest(np.divide(total, share, out=np.zeros_like(total), where=known), known)
+
+
+def smooth(values: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """The values with the unknown pixels bridged smoothly: harmonically, starting from the nearest ones."""
+    filled = nearest(values, known)
+    rows, columns = np.nonzero(~known)
+    kernels.relax(filled, rows, columns, _SWEEPS, _OVER)
+    return filled
 
 
 def nearest(values: NDArray[np.float32], seen: NDArray[np.bool_]) -> NDArray[np.float32]:

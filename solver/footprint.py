@@ -6,8 +6,6 @@ A_k averages X over each pixel's footprint at its exact position: bilinear inter
 B X, exact for a box of a whole number of fused pixels, a close approximation for other shapes.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,31 +13,22 @@ from solver.certificate import shrinkage, slope
 from solver.errors import FusionInputError
 from solver.kernels import footprint as kernels
 from solver.kernels.prior import PAD
+from solver.options import Footprint
 from solver.primal_dual import State
 from solver.prior import Prior
 
 
-@dataclass(frozen=True, slots=True)
-class Footprint:
-    """A square of side `fill` (the root of the fill factor) blurred by a Gaussian of deviation `blur`.
+def footprint_taps(footprint: Footprint, factor: int) -> NDArray[np.float64]:
+    """Weights of B along one axis, symmetric, of sum 1.
 
-    Both in low-resolution pixels.
+    Bilinear interpolation widens them by the box of a fused pixel, as the average over a fused pixel
+    does; so the taps hold the footprint's mass in steps of one fused pixel.
     """
-
-    fill: float = 1.0
-    blur: float = 0.0
-
-    def taps(self, factor: int) -> NDArray[np.float64]:
-        """Weights of B along one axis, symmetric, of sum 1.
-
-        Bilinear interpolation widens them by the box of a fused pixel, as the average over a fused pixel
-        does; so the taps hold the footprint's mass in steps of one fused pixel.
-        """
-        half, spread = 0.5 * self.fill * factor, self.blur * factor
-        size = max(1, int(np.ceil(2 * (half + 3 * spread) - 1e-9)))
-        edges: NDArray[np.float64] = np.arange(size + 1) - np.float64(size / 2)
-        taps = np.diff(_mass(edges, half, spread))
-        return np.asarray(taps / taps.sum())
+    half, spread = 0.5 * footprint.side * factor, footprint.blur * factor
+    size = max(1, int(np.ceil(2 * (half + 3 * spread) - 1e-9)))
+    edges: NDArray[np.float64] = np.arange(size + 1) - np.float64(size / 2)
+    taps = np.diff(_mass(edges, half, spread))
+    return np.asarray(taps / taps.sum())
 
 
 def _mass(edges: NDArray[np.float64], half: float, spread: float) -> NDArray[np.float64]:
@@ -74,7 +63,7 @@ class AreaTerm:
     ) -> None:
         """values (C, N, H, W) in units of λ; weights (N, H, W), 0 = not used; positions (N, H, W, 2)."""
         self._values, self._weights, self._positions = values, weights, positions
-        taps = footprint.taps(factor)
+        taps = footprint_taps(footprint, factor)
         self._size = len(taps)
         self.margin = factor + max(0, -(-(self._size - factor) // 2))
         kind = values.dtype

@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.problem import Problem
+
 _MEDIAN_TO_SIGMA = 1.4826  # of the absolute value of a normal variable
 _FRAMES = 5  # enough samples for a median to a per cent, at a bounded cost
 
@@ -56,6 +58,13 @@ def amplitude_threshold(amplitude: NDArray[np.float32], noise: float, ambiguity_
     relative = 0.2 * float(np.median(lit))
     lost = 20 * noise / ambiguity_range if ambiguity_range else 0.0
     return max(relative, lost)
+
+
+def usual_deviation(problem: Problem) -> float:
+    """The median deviation of the used samples, never 0, so that it can divide."""
+    values = problem.sigma[np.isfinite(problem.distance) & np.isfinite(problem.sigma)]
+    tiny = float(np.finfo(np.float32).tiny)
+    return max(float(np.median(values)), tiny) if values.size else tiny
 
 
 def spread(distance: NDArray[np.float32]) -> float:

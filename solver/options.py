@@ -1,9 +1,28 @@
 """How to fuse: the choices a caller may make."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 Method = Literal["auto", "nearest", "bicubic", "shift-and-add", "ibsr", "mrf", "lidarboost", "area", "phasor"]
+
+
+Offset = tuple[int, int]
+
+NEIGHBOURHOOD: tuple[Offset, ...] = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0))
+"""(row, column) offsets of the prior: one and two pixels along the axes, one along the diagonals."""
+
+
+@dataclass(frozen=True, slots=True)
+class Footprint:
+    """The area a low-resolution pixel averages over, in low-resolution pixels.
+
+    Attributes:
+        side: of the light-sensitive square (the root of the fill factor).
+        blur: standard deviation of a Gaussian on top of it, the lens's.
+    """
+
+    side: float = 1.0
+    blur: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +39,9 @@ class FusionOptions:
         amplitude_threshold: amplitude under which a sample is not used, in the amplitude's unit;
             0 = none, `auto` = from the noise law.
         fill: how far, in low-resolution pixels, unseen pixels are filled from the nearest used sample.
+        neighbourhood: offsets of the prior of `lidarboost`, `area` and `phasor`: (0, 1), (1, 0) and any
+            others of `NEIGHBOURHOOD`.
+        footprint: what a pixel averages over, for `area` and `phasor`.
     """
 
     method: Method = "auto"
@@ -29,3 +51,5 @@ class FusionOptions:
     max_iterations: int = 1000
     amplitude_threshold: float | Literal["auto"] = "auto"
     fill: float = 5.0
+    neighbourhood: tuple[Offset, ...] = NEIGHBOURHOOD
+    footprint: Footprint = field(default_factory=Footprint)

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from solver import noise as noise_law
 from solver.deviation import deviation
 from solver.errors import FusionInputError
-from solver.fill import nearest, reach
+from solver.fill import reach, smooth
 from solver.options import FusionOptions
 from solver.problem import Problem, Solution
 
@@ -45,11 +45,15 @@ def complete(problem: Problem, solution: Solution) -> tuple[NDArray[np.float32],
     seen = _seen(problem)
     away = reach(seen) / np.float32(factor)
     known = np.isfinite(solution.distance)
-    distance = nearest(solution.distance, known) if not known.all() else solution.distance
-    spread = deviation(problem, away)
+    if known.all():
+        distance = solution.distance
+    else:
+        distance = smooth(solution.distance, known)
+        away = np.maximum(away, reach(known) / np.float32(factor))
     beyond = away > problem.options.fill
-    distance = np.where(beyond, np.float32(np.nan), distance)
-    return distance, np.where(beyond, np.float32(np.nan), spread)
+    spread = deviation(problem, solution, distance, np.minimum(away, np.float32(problem.options.fill)))
+    blank = np.float32(np.nan)
+    return np.where(beyond, blank, distance), np.where(beyond, blank, spread)
 
 
 def _seen(problem: Problem) -> NDArray[np.bool_]:

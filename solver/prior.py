@@ -11,16 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.kernels import prior as kernels
-
-NEIGHBOURHOOD: tuple[tuple[int, int], ...] = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0))
-"""(row, column) offsets: one and two pixels along the axes, one along the diagonals."""
+from solver.options import NEIGHBOURHOOD, Offset
 
 
 @dataclass(frozen=True)
 class Prior:
     """The operator ∇ for some of the offsets of `NEIGHBOURHOOD`."""
 
-    offsets: tuple[tuple[int, int], ...] = NEIGHBOURHOOD
+    offsets: tuple[Offset, ...] = NEIGHBOURHOOD
 
     @property
     def weights(self) -> NDArray[np.float32]:

@@ -48,6 +48,7 @@ class Solution:
     Attributes:
         distance: (βH, βW) float32, NaN = not known to the method.
         amplitude: (βH, βW) float32, or None.
+        relative: λ in units of one sample's deviation, where the method has a convex prior.
         dual: the dual variables reached, for a warm start, or None.
         regularization, iterations, objective, gap, converged: as in `Report`.
     """
@@ -60,6 +61,7 @@ class Solution:
     gap: float | None
     converged: bool
     dual: NDArray[np.floating] | None = None
+    relative: float | None = None
 
 
 __all__ = ["Problem", "Progress", "Solution"]

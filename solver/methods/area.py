@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.fill import smoothed
-from solver.footprint import AreaTerm, Footprint
-from solver.noise import spread
+from solver.footprint import AreaTerm
+from solver.noise import spread, usual_deviation
 from solver.primal_dual import minimise, start, warm
 from solver.prior import Prior
 from solver.problem import Problem, Solution
@@ -20,6 +20,10 @@ from solver.sampling import sample
 _NOISE, _CLEAN = 0.16, 0.0006
 """λ = σ √(σ / (0.16 · range)), and at least 0.0006 of the scene's range for noise-free frames. The power
 3/2 is measured; it lies between the σ of a discrepancy rule and the σ² of a Laplacian prior."""
+
+
+_MOST = 4.0
+"""Weight of the brightest samples: mixing at edges, not noise, is what still brighter ones are wrong by."""
 
 
 def solve(problem: Problem, *, initial: Solution | None = None, progress: Progress | None = None) -> Solution:
@@ -33,7 +37,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     strength = _strength(problem, used)
     middle = 0.5 * (low + high)
     values = np.where(used, (problem.distance - middle) / strength, 0).astype(np.float32)
-    term = AreaTerm(values[None], weights, problem.positions, factor, Footprint())
+    term = AreaTerm(values[None], weights, problem.positions, factor, problem.options.footprint)
     mean = np.where(seen, (samples.mean - middle) / strength, 0).astype(np.float32)
     first = smoothed(mean, samples.weight, factor)
     if initial is not None:
@@ -45,7 +49,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         warm(state, initial.dual)
     outcome = minimise(
         term,
-        Prior(),
+        Prior(problem.options.neighbourhood),
         state,
         tolerance=problem.options.tolerance,
         limit=problem.options.max_iterations,
@@ -62,13 +66,14 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         outcome.gap,
         outcome.converged,
         outcome.state.dual,
+        strength / usual_deviation(problem),
     )
 
 
 def _strength(problem: Problem, used: NDArray[np.bool_]) -> float:
     if problem.options.regularization != "auto":
         return float(problem.options.regularization)
-    noise, extent = float(np.median(problem.sigma[used])), spread(problem.distance)
+    noise, extent = usual_deviation(problem), spread(problem.distance)
     scale = max(float(np.abs(problem.distance[used]).max()), float(np.finfo(np.float32).tiny))
     if extent <= 1e-6 * scale:
         return max(noise, 1e-6 * scale)
@@ -76,7 +81,7 @@ def _strength(problem: Problem, used: NDArray[np.bool_]) -> float:
 
 
 def _weights(problem: Problem, used: NDArray[np.bool_]) -> NDArray[np.float32]:
-    usual = float(np.median(problem.sigma[used]))
-    if not 0 < usual < np.inf:
+    usual = usual_deviation(problem)
+    if not np.isfinite(problem.sigma[used]).any() or not problem.noise:
         return used.astype(np.float32)
-    return np.where(used, (usual / problem.sigma) ** 2, 0).astype(np.float32)
+    return np.where(used, np.minimum((usual / problem.sigma) ** 2, _MOST), 0).astype(np.float32)

@@ -9,7 +9,7 @@ CVPR 2009. The whole image is solved at once; W_k is sparse (one fused pixel und
 import numpy as np
 
 from solver.fill import smoothed
-from solver.noise import spread
+from solver.noise import spread, usual_deviation
 from solver.primal_dual import minimise, start, warm
 from solver.prior import Prior
 from solver.problem import Problem, Solution
@@ -39,7 +39,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         warm(state, initial.dual)
     outcome = minimise(
         SparseTerm(samples.weight, mean, samples.constant / strength**2),
-        Prior(),
+        Prior(problem.options.neighbourhood),
         state,
         tolerance=problem.options.tolerance,
         limit=problem.options.max_iterations,
@@ -56,6 +56,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         outcome.gap,
         outcome.converged,
         outcome.state.dual,
+        strength / usual_deviation(problem),
     )
 
 
@@ -63,7 +64,7 @@ def _strength(problem: Problem) -> float:
     if problem.options.regularization != "auto":
         return float(problem.options.regularization)
     used = np.isfinite(problem.distance)
-    noise = float(np.median(problem.sigma[used]))
+    noise = usual_deviation(problem)
     scale = max(float(np.abs(problem.distance[used]).max()), float(np.finfo(np.float32).tiny))
     # A constant image has neither noise nor range; any λ gives it back.
     return max(float(np.hypot(_NOISE * noise, _MIXING * spread(problem.distance))), 1e-6 * scale)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from solver.errors import FusionInputError
 from solver.fill import smoothed
-from solver.footprint import AreaTerm, Footprint
+from solver.footprint import AreaTerm
 from solver.primal_dual import State, start, warm
 from solver.prior import Prior
 from solver.problem import Problem, Solution
@@ -55,13 +55,13 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     values = np.stack([size * np.cos(phase), size * np.sin(phase)]).astype(np.float32)
     factor = problem.options.upsampling
     weights = used.astype(np.float32)
-    term = AreaTerm(values, weights, problem.positions, factor, Footprint())
+    term = AreaTerm(values, weights, problem.positions, factor, problem.options.footprint)
     state = _first(values, weights, problem, term.margin)
     if initial is not None and initial.amplitude is not None:
         _warm(state, initial, usual * strength, turn, term.margin)
     outcome = minimise_reweighted(
         term,
-        Prior(),
+        Prior(problem.options.neighbourhood),
         state,
         Reweighting(_PASSES, _GAIN, _EPSILON / strength),
         tolerance=problem.options.tolerance,
@@ -83,6 +83,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         outcome.gap,
         outcome.converged,
         outcome.state.dual,
+        strength / max(sigma, 1e-12),
     )
 
 

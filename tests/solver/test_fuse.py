@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from solver import FusionInputError, FusionOptions, FusionWarning, fuse
+from solver import Footprint, FusionInputError, FusionOptions, FusionWarning, fuse
 
 FRAMES, ROWS, COLUMNS = 6, 12, 16
 SHIFTS = np.array([[0, 0], [0.25, 0.5], [-0.5, 0.25], [0.5, -0.25], [-0.25, -0.5], [0.1, 0.6]])
@@ -175,6 +175,12 @@ REFUSED = {
     "iterations": ({"options": FusionOptions(max_iterations=0)}, "max_iterations"),
     "threshold": ({"options": FusionOptions(amplitude_threshold=-1.0)}, "amplitude_threshold"),
     "fill": ({"options": FusionOptions(fill=float("inf"))}, "fill"),
+    "neighbourhood": ({"options": FusionOptions(neighbourhood=((0, 1),))}, "neighbourhood"),
+    "far neighbourhood": (
+        {"options": FusionOptions(neighbourhood=((0, 1), (1, 0), (3, 3)))},
+        "neighbourhood",
+    ),
+    "footprint": ({"options": FusionOptions(footprint=Footprint(side=0.0))}, "side"),
     "phasor alone": ({"options": FusionOptions(method="phasor")}, "ambiguity_range"),
 }
 
