@@ -27,36 +27,37 @@ class Errors:
     coverage: float
 
 
-def errors(fused: Image, truth: Image, region: tuple[slice, slice] | None = None) -> Errors:
-    """Errors of a map against a truth of the same shape, inside a region of interest.
+def errors(fused: Image, truth: Image) -> Errors:
+    """Errors of a map against a truth of the same shape.
 
     Raises:
-        FusionInputError: shapes differ, or nothing is known in the region.
+        FusionInputError: shapes differ, or nothing is known in both.
     """
     if fused.shape != truth.shape:
         raise FusionInputError(f"map has shape {fused.shape}; expected the truth's, {truth.shape}")
-    window = region or (slice(None), slice(None))
-    have, want = fused[window].astype(np.float64), truth[window].astype(np.float64)
+    have, want = fused.astype(np.float64), truth.astype(np.float64)
     known = np.isfinite(want)
     both = known & np.isfinite(have)
     if not both.any():
-        raise FusionInputError("no pixel of the region is known in both the map and the truth")
+        raise FusionInputError("no pixel is known in both the map and the truth")
     difference = have[both] - want[both]
     mse = float(np.mean(difference**2))
     return Errors(mse, mse**0.5, float(np.mean(np.abs(difference))), float(both.sum() / known.sum()))
 
 
-def percent_of_longest_side(fused: Image, truth: Image, background: float | None = None) -> Image:
+def percent_of_longest_side(fused: Image, truth: Image, pitch: float) -> Image:
     """|error| in percent of the object's longest side, as the paper colours it.
 
-    The longest side is the largest extent of the object in rows, columns (in fused pixels) or depth (in the
-    map's unit): the largest of the three numbers, with the object being all that lies before `background`.
+    The object is all that lies before the farthest depth; its sides are its extents in rows, columns and
+    depth.
+
+    Args:
+        pitch: side of a fused pixel in the unit of depth.
     """
-    limit = float(np.nanmax(truth)) if background is None else background
-    body = np.isfinite(truth) & (truth < limit)
+    body = np.isfinite(truth) & (truth < np.nanmax(truth))
     if not body.any():
         body = np.isfinite(truth)
     rows, columns = np.flatnonzero(body.any(axis=1)), np.flatnonzero(body.any(axis=0))
-    depth = float(np.ptp(truth[body]))
-    longest = max(float(np.ptp(rows)) + 1, float(np.ptp(columns)) + 1, depth)
+    extent = float(max(np.ptp(rows), np.ptp(columns)) + 1) * pitch
+    longest = max(extent, float(np.ptp(truth[body])))
     return np.asarray(np.abs(fused - truth) * (100 / longest), np.float32)

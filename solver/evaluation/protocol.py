@@ -19,6 +19,27 @@ SPAN = 2.0  # pixels; frames are displaced by up to this either way
 
 
 @dataclass(frozen=True, slots=True)
+class Region:
+    """A region of interest in low-resolution pixels; the paper crops to 106 × 64 and 126 × 89."""
+
+    top: int
+    left: int
+    height: int
+    width: int
+
+    def slices(self, shape: tuple[int, int]) -> tuple[slice, slice]:
+        """Rows and columns of a frame of that shape."""
+        bottom, right = self.top + self.height, self.left + self.width
+        inside = self.top >= 0 and self.left >= 0 and bottom <= shape[0] and right <= shape[1]
+        if not inside or self.height < 1 or self.width < 1:
+            raise FusionInputError(
+                f"region of interest is rows {self.top} to {bottom}, columns {self.left} to {right}; the "
+                f"frames have {shape[0]} × {shape[1]} pixels"
+            )
+        return slice(self.top, bottom), slice(self.left, right)
+
+
+@dataclass(frozen=True, slots=True)
 class Trial:
     """One burst with its truth.
 
@@ -108,13 +129,24 @@ def make_trial(
     frames: int = 10,
     upsampling: int = 4,
     span: float = SPAN,
+    region: Region | None = None,
 ) -> Trial:
-    """A burst at random displacements with Gaussian noise of `variance`; the first frame is at rest."""
+    """A burst at random displacements with Gaussian noise of `variance`; the first frame is at rest.
+
+    Raises:
+        FusionInputError: no frame, a negative variance, or a region that leaves the frame.
+    """
     if frames < 1 or variance < 0:
         raise FusionInputError(f"frames is {frames} and variance {variance:g}; expected ≥ 1 and ≥ 0")
     random = np.random.default_rng(seed)
     shifts = random.uniform(-span, span, (frames, 2))
     shifts[0] = 0
     clean = np.stack([depth.frame(shift, upsampling) for shift in shifts])
+    truth = depth.fused_truth(upsampling)
+    if region is not None:
+        rows, columns = region.slices(depth.frame_shape(upsampling))
+        clean = clean[:, rows, columns]
+        fine = (slice(s.start * upsampling, s.stop * upsampling) for s in (rows, columns))
+        truth = truth[tuple(fine)]
     noise = random.normal(0, np.sqrt(variance), clean.shape)
-    return Trial((clean + noise).astype(np.float32), shifts, depth.fused_truth(upsampling))
+    return Trial((clean + noise).astype(np.float32), shifts, truth)
