@@ -48,7 +48,9 @@ class PlanSection(_Section):
     span: float = Field(
         1.0, ge=0, le=40, description="Width of the field of poses, end to end, low-resolution pixels."
     )
-    axes: Literal["pan", "both"] = Field("both", description="Turn in pan only, or in pan and tilt.")
+    axes: Literal["pan", "both"] = Field(
+        "both", description="Turn in pan only, or in pan and, where the stage can, in tilt."
+    )
     pan: float = Field(0.0, ge=-180, le=180, description="Centre of the poses, degrees, > 0 left.")
     tilt: float = Field(0.0, ge=-90, le=90, description="Centre of the poses, degrees, > 0 up.")
     nearest: float = Field(

@@ -158,13 +158,14 @@ class Daemon:
         if self.carries_pose:
             return CarriedBursts(self._grabber, settings.fusion.frames)
         limits = self.rig.stage.limits
+        only_pan = limits.tilt[0] == limits.tilt[1]
         plan = make_plan(
-            settings.plan,
+            settings.plan.model_copy(update={"axes": "pan"}) if only_pan else settings.plan,
             settings.fusion.frames,
             self.rig.calibration.intrinsics,
             upsampling=settings.fusion.upsampling,
             resolution=radians(settings.stage.resolution) or self.rig.stage.resolution,
-            still=limits.pan[0] == limits.pan[1] and limits.tilt[0] == limits.tilt[1],
+            still=only_pan and limits.pan[0] == limits.pan[1],
         )
         plan.check(limits)
         if plan.moves:

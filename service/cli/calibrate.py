@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 calibrate = typer.Typer(
     no_args_is_help=True,
+    add_completion=False,
     help="Find a camera's optics, errors, noise and mount.",
     rich_markup_mode="rich",
     epilog="Each writes a calibration file (name it in camera.calibration) and a picture beside it. Begin "
@@ -105,7 +106,7 @@ def distance(
         list[float] | None,
         typer.Option(
             help="Perpendicular distance of each wall from the camera, metres, one per recording, in their "
-            "order; without, the constant is found from the wall's flatness, ten times less well."
+            "order; without, the constant is found from the wall's flatness, far less well."
         ),
     ] = None,
     harmonics: Annotated[

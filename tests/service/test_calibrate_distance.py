@@ -39,22 +39,24 @@ def walls():
     return [wall(d, yaw=5.0 * (-1) ** k, seed=k) for k, d in enumerate(DISTANCES)]
 
 
-def test_known_distances_give_every_error_back(walls):
-    fit = calibrate_distance(walls, CAMERA, DISTANCES)
+@pytest.fixture(scope="module")
+def fit(walls):
+    return calibrate_distance(walls, CAMERA, DISTANCES)
+
+
+def test_known_distances_give_every_error_back(fit):
     (term,) = fit.corrections.cyclic
-    print(fit)
     assert fit.corrections.constant == pytest.approx(0.12, abs=0.001)
     assert term.amplitude == pytest.approx(0.03, abs=0.001)
     assert term.phase == pytest.approx(1.1, abs=0.05)
     found = np.array(fit.corrections.per_pixel)
-    print("pattern error", np.std(found - PATTERN))
     assert np.std(found - PATTERN) < 0.003
     assert fit.after < 0.25 * fit.before  # what remains is noise: 4 frames, 10 mm each at 2 m
     assert fit.distances == pytest.approx(DISTANCES, abs=1e-4)
 
 
-def test_corrected_frames_are_flat_and_at_the_right_distance(walls):
-    calibration = calibrate_distance(walls, CAMERA, DISTANCES).apply(CAMERA)
+def test_corrected_frames_are_flat_and_at_the_right_distance(fit):
+    calibration = fit.apply(CAMERA)
     fresh = wall(2.0, seed=99, count=1)[0]
     corrected = calibration.correct(fresh.distance, RANGE)
     middle = corrected[62:82, 78:98]
@@ -64,7 +66,6 @@ def test_corrected_frames_are_flat_and_at_the_right_distance(walls):
 def test_flatness_alone_gives_the_constant_roughly():
     slanted = [wall(d, yaw=40.0 * (-1) ** k, seed=k) for k, d in enumerate((1.2, 1.6, 2.0))]
     fit = calibrate_distance(slanted, CAMERA)
-    print(fit)
     assert not fit.is_known
     assert fit.corrections.constant == pytest.approx(0.12, abs=0.02)
     assert "flatness alone" in str(fit)

@@ -55,7 +55,6 @@ def test_finds_the_simulated_optics(sightings):
     seen = [found for found in sightings if found is not None]
     assert len(seen) >= 9
     fit = calibrate_intrinsics(seen, SHAPE)
-    print(fit)
     k = fit.intrinsics
     assert (k.fx, k.fy) == pytest.approx((206.0, 204.0), rel=0.01)
     assert (k.cx, k.cy) == pytest.approx((85.0, 74.0), abs=1.0)

@@ -47,7 +47,6 @@ def test_rendered_views_give_the_mount():
             views.append(View(position, found))
     assert len(views) >= 5
     fit = calibrate_mount(views, CAMERA)
-    print(fit)
     assert np.abs(np.subtract(fit.mount.rotation, MOUNT.rotation)).max() < np.radians(0.25)
     assert np.abs(np.subtract(fit.mount.lever_arm, MOUNT.lever_arm)).max() < 0.006
     assert fit.apply(CAMERA).mount == fit.mount

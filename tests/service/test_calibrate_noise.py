@@ -62,7 +62,6 @@ def test_real_frames_follow_the_known_law():
         for station in ("station1", "station2")
     ]
     fit = calibrate_noise(scenes)
-    print(fit)
     # Measured before on the same frames: σ = 3.8 z² / A with A in gray mode.
     assert fit.law.coefficient == pytest.approx(3.8, rel=0.15)
     assert -0.95 < fit.slope < -0.7  # between the law and pure shot noise

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from drivers.calibration import Mount, sr3000_calibration
+from drivers.simulated import SimulatedStage
+from drivers.stage import Limits
 from service.config import PlanSection
 from service.plan import make_plan
 from service.plan_estimate import estimate_plan
@@ -62,3 +64,28 @@ def test_parallax_beyond_a_tenth_of_a_pixel_is_warned_of():
 def test_camera_on_the_axes_has_no_parallax():
     _, found = estimate(span=3.0)
     assert found.parallax_nearest == 0.0
+
+
+def test_a_stage_that_only_pans_gets_a_plan_it_can_run(caplog):
+    from service.config import CameraSection, Configuration, StageSection
+    from service.daemon import Daemon
+    from service.rig import make_rig
+
+    class PanOnly(SimulatedStage):
+        def _limits(self):
+            return Limits(pan=super()._limits().pan, tilt=(0.0, 0.0))
+
+    configuration = Configuration(
+        camera=CameraSection(backend="simulated", options={"scene": "plane"}),
+        stage=StageSection(backend="simulated"),
+    )
+    rig = make_rig(configuration)
+    rig.stage = PanOnly()
+    rig.open()
+    try:
+        bursts = Daemon(configuration, rig)._bursts()
+    finally:
+        rig.close()
+    assert {pose.tilt for pose in bursts._plan.poses} == {0.0}
+    assert len({pose.pan for pose in bursts._plan.poses}) == 15
+    assert "the rows stay unresolved" in caplog.text
