@@ -1,6 +1,6 @@
 """The paper's experiments on any known depth map."""
 
-from solver.evaluation.experiment import Outcome, Setting, compare, run_method
+from solver.evaluation.experiment import Lambda, Outcome, Setting, compare, run_method
 from solver.evaluation.metrics import Errors, errors, percent_of_longest_side
 from solver.evaluation.objects import procedural_object
 from solver.evaluation.protocol import LITERAL, MATCHED, DepthMap, Region, Trial, make_trial
@@ -10,6 +10,7 @@ __all__ = [
     "MATCHED",
     "DepthMap",
     "Errors",
+    "Lambda",
     "Outcome",
     "Region",
     "Setting",

@@ -1,0 +1,1 @@
+"""What `lidarboost evaluate` adds to the experiments: true maps from files, tables and pictures."""
