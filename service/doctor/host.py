@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 import shutil
+import socket
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,6 +21,12 @@ NOT_BEFORE = 1_735_689_600
 
 UNSYNCHRONISED = 5
 """TIME_ERROR of adjtimex(2)."""
+
+
+ZENOH_REMEDY = (
+    """echo '{ listen: { endpoints: ["tcp/127.0.0.1:7448"] } }' > zenoh.json5  """
+    """(and in the configuration: [zenoh] config = "zenoh.json5")"""
+)
 
 
 def check_zenoh(configuration: Configuration) -> Iterator[Check]:
@@ -38,7 +45,7 @@ def check_zenoh(configuration: Configuration) -> Iterator[Check]:
         )
         return
     port = int(DEFAULT_ENDPOINT.rpartition(":")[2])
-    user = holder(port)
+    user = (holder(port) or "another user's process") if _is_taken(port) else None
     if user is None:
         yield Check(name="Zenoh", state="ok", finding=f"{DEFAULT_ENDPOINT} is free")
     elif "lidarboost" in user or "python" in user:
@@ -48,7 +55,7 @@ def check_zenoh(configuration: Configuration) -> Iterator[Check]:
             name="Zenoh",
             state="problem",
             finding=f"{DEFAULT_ENDPOINT} is in use by {user}",
-            remedy="stop it, or name another endpoint in a Zenoh file: zenoh.config in the configuration",
+            remedy=ZENOH_REMEDY,
         )
 
 
@@ -97,6 +104,17 @@ def check_clock(_: Configuration) -> Iterator[Check]:
         )
     else:
         yield Check(name="clock", state="ok", finding=time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime()))
+
+
+def _is_taken(port: int) -> bool:
+    """Whether somebody listens on a port of the loopback."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # what just ended does not count
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError:
+            return True
+    return False
 
 
 def _synchronised() -> bool | None:
