@@ -13,7 +13,7 @@ SIMULATED = """
 [camera]
 backend = "simulated"
 options = { scene = "plane" }
-settings = { integration_time = 0.004 }
+settings = { integration_time = 0.01 }
 """
 
 
@@ -55,7 +55,7 @@ def test_capture_of_a_recording_ends_with_it(tmp_path, config):
 def test_hz_of_a_simulated_camera(config):
     done = run("hz", "-c", config, "--seconds", 0.6, "--json")
     said = json.loads(done.stdout)
-    assert said["period"] == pytest.approx(17.0, abs=0.01)
+    assert said["period"] == pytest.approx(41.0, abs=0.01)
     assert done.exit_code == (3 if said["dropped"] else 0)
 
 
