@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-if TYPE_CHECKING:
-    from drivers.calibration import Calibration
-    from service.calibration.board import Board
-    from service.calibration.footage import Footage
-    from service.calibration.pictures import Fit
-    from service.config import Configuration
+from service.cli.calibrating import base_of, board_of, check_output, configured, counted, footage_of, save
 
 calibrate = typer.Typer(
     no_args_is_help=True,
@@ -82,20 +74,20 @@ def intrinsics(
     from service.calibration.intrinsics import calibrate_intrinsics
     from service.live import filmed, live
 
-    _check_output(output, base, force)
-    printed = _board(board, square, charuco, marker)
-    with _counted() as tell:
+    check_output(output, base, force)
+    printed = board_of(board, square, charuco, marker)
+    with counted() as tell:
         if recordings:
             footage = recorded(recordings)
             frames = [frame for part in footage for frame in part.frames]
             known = footage[0].calibration
             seen = find_sightings(frames, printed, views, tell)
         else:
-            with live(_configuration(config)) as grabber:
+            with live(configured(config)) as grabber:
                 known = grabber.rig.calibration
                 seen = find_sightings(filmed(grabber, seconds=seconds), printed, views, tell)
     fit = calibrate_intrinsics(seen, known.shape)
-    _save(fit, "intrinsics", _base(base, known), output, as_json)
+    save(fit, "intrinsics", base_of(base, known), output, as_json)
 
 
 @calibrate.command()
@@ -132,13 +124,13 @@ def distance(
     """
     from service.calibration.distance import calibrate_distance
 
-    _check_output(output, base, force)
-    footage = _footage(recordings, config, frames)
-    known = _base(base, footage[0].calibration)
+    check_output(output, base, force)
+    footage = footage_of(recordings, config, frames)
+    known = base_of(base, footage[0].calibration)
     fit = calibrate_distance(
         [part.frames for part in footage], known, at or None, tuple(harmonics or (4,)), per_pixel
     )
-    _save(fit, "distance", known, output, as_json)
+    save(fit, "distance", known, output, as_json)
 
 
 @calibrate.command()
@@ -163,10 +155,10 @@ def noise(
     """
     from service.calibration.noise import calibrate_noise
 
-    _check_output(output, base, force)
-    footage = _footage(recordings, config, frames)
+    check_output(output, base, force)
+    footage = footage_of(recordings, config, frames)
     fit = calibrate_noise([part.frames for part in footage])
-    _save(fit, "noise", _base(base, footage[0].calibration), output, as_json)
+    save(fit, "noise", base_of(base, footage[0].calibration), output, as_json)
 
 
 @calibrate.command()
@@ -204,88 +196,12 @@ def mount(
     from service.calibration.footage import find_views, recorded, turn_around
     from service.calibration.mount import calibrate_mount
 
-    _check_output(output, base, force)
-    printed = _board(board, square, charuco, marker)
+    check_output(output, base, force)
+    printed = board_of(board, square, charuco, marker)
     if recordings:
         footage = recorded(recordings)
     else:
-        footage = [turn_around(_configuration(config), radians(pan), radians(tilt), repeats)]
-    known = _base(base, footage[0].calibration)
+        footage = [turn_around(configured(config), radians(pan), radians(tilt), repeats)]
+    known = base_of(base, footage[0].calibration)
     views = [view for part in footage for view in find_views(part.frames, printed)]
-    _save(calibrate_mount(views, known), "mount", known, output, as_json)
-
-
-def _footage(recordings: list[Path] | None, config: Path | None, frames: int) -> list[Footage]:
-    from service.calibration.footage import film, recorded
-
-    return recorded(recordings) if recordings else [film(_configuration(config), frames)]
-
-
-def _configuration(config: Path | None) -> Configuration:
-    from service.config_file import load
-    from service.errors import ConfigurationError
-
-    if config is None:
-        raise ConfigurationError("nothing to calibrate with: give recordings, or a camera by --config FILE")
-    return load(config)
-
-
-def _base(base: Path | None, known: Calibration) -> Calibration:
-    from drivers.calibration import Calibration
-
-    return Calibration.load(base) if base is not None else known
-
-
-def _board(corners: str, square: float, charuco: str | None, marker: float) -> Board:
-    from service.calibration.board import Board
-    from service.errors import ConfigurationError
-
-    columns, _, rows = corners.lower().partition("x")
-    if not (columns.isdecimal() and rows.isdecimal() and int(columns) >= 3 and int(rows) >= 3):
-        raise ConfigurationError(f"--board: expected inner corners as in 9x6, at least 3x3, got {corners!r}")
-    if charuco is not None and not 0 < marker < square:
-        raise ConfigurationError(f"--marker: expected a side between 0 and the field's {square:g} mm")
-    return Board(int(columns), int(rows), square / 1e3, charuco, marker / 1e3)
-
-
-def _check_output(output: Path, base: Path | None, force: bool) -> None:
-    from service.errors import OutputError
-
-    is_base = base is not None and output.exists() and output.samefile(base)
-    if output.exists() and not (force or is_base):
-        raise OutputError(f"{output} exists already; choose another name (-o), or replace it with --force")
-
-
-def _save(fit: Fit, part: str, known: Calibration, output: Path, as_json: bool) -> None:
-    import json
-
-    from service.calibration.pictures import save_picture
-
-    kept = [said for said in known.source.split("; ") if not said.startswith(f"{part} calibrated")]
-    found = fit.apply(known).model_copy(update={"source": "; ".join([*kept, f"{part} calibrated"])})
-    picture = output.with_suffix(f".{part}.png")
-    found.save(output)
-    save_picture(picture, fit, found.shape)
-    if as_json:
-        said = {"summary": str(fit), "calibration": found.model_dump(mode="json"), "picture": str(picture)}
-        print(json.dumps(said, indent=2))
-    else:
-        print(f"{part}: {fit}\nwrote {output} and {picture}")
-
-
-@contextmanager
-def _counted() -> Iterator[Callable[[int, int], None]]:
-    """Shows views and frames so far: one line that changes on a terminal, a line per view elsewhere."""
-    last = -1
-
-    def tell(views: int, frames: int) -> None:
-        nonlocal last
-        if sys.stderr.isatty():
-            print(f"\r{views} views in {frames} frames ", end="", file=sys.stderr, flush=True)
-        elif views != last:
-            print(f"{views} views in {frames} frames", file=sys.stderr)
-        last = views
-
-    yield tell
-    if sys.stderr.isatty():
-        print(file=sys.stderr)
+    save(calibrate_mount(views, known), "mount", known, output, as_json)
