@@ -123,7 +123,16 @@ def evaluate(
         output.mkdir(parents=True, exist_ok=True)
         for kind, suffix in ((Format.text, "txt"), (Format.json, "json"), (Format.csv, "csv")):
             (output / f"table.{suffix}").write_text(texts[kind], encoding="utf-8")
-        _draw(output, source, setting, methods, variances, outcomes, swept=bool(regularization))
+        _draw(
+            output,
+            source,
+            setting,
+            methods,
+            variances,
+            outcomes,
+            swept=bool(regularization),
+            ablated=ablations,
+        )
     print(texts[table], end="")
 
 
@@ -169,6 +178,7 @@ def _draw(
     outcomes: "list[Outcome]",
     *,
     swept: bool,
+    ablated: bool,
 ) -> None:
     """Pictures of the first seed at every noise level, each method at its best λ of those that ran."""
     from service.evaluation import pictures
@@ -189,7 +199,8 @@ def _draw(
         pictures.write_errors(output / f"errors_{variance:g}.png", maps, trial.truth)
         pictures.write_surfaces(output / f"surfaces_{variance:g}.png", {"truth": trial.truth, **maps})
     amplitude = source.amplitude
-    if amplitude is None:
+    if amplitude is None and ablated:
         amplitude = dark_print(setting, max(variances), 0).amplitude[0]
-    threshold = noise_law.amplitude_threshold(amplitude[None], 0.0, None)
-    pictures.write_cutoff(output / "amplitude_cutoff.png", amplitude, threshold)
+    if amplitude is not None:
+        threshold = noise_law.amplitude_threshold(amplitude[None], 0.0, None)
+        pictures.write_cutoff(output / "amplitude_cutoff.png", amplitude, threshold)

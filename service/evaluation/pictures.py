@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from solver.evaluation import Outcome, percent_of_longest_side
 from solver.evaluation.protocol import FINE
-from solver.geometry import normals_from_points
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Image = NDArray[np.float32]
@@ -46,26 +46,21 @@ def write_sweep(path: Path, outcomes: Sequence[Outcome]) -> None:
 
 def write_errors(path: Path, maps: dict[str, Image], truth: Image) -> None:
     """|error| of every map in percent of the object's longest side, green to red."""
-    figure = _figure(3.4 * len(maps) + 0.8, 3.7)
-    panels = figure.subplots(1, len(maps), squeeze=False)[0]
-    for axes, (name, fused) in zip(panels, maps.items(), strict=True):
+    figure, panels = _panels(len(maps))
+    for axes, (name, fused) in zip(panels, maps.items(), strict=False):
         percent = percent_of_longest_side(fused, truth, pitch=FINE)
         shown = axes.imshow(percent, cmap="RdYlGn_r", vmin=0, vmax=WORST, interpolation="nearest")
         axes.set_title(f"{name}: mean {np.nanmean(percent):.2f} %", fontsize=10)
-        axes.set_axis_off()
-    figure.colorbar(shown, ax=panels.tolist(), label="error, % of the longest side", extend="max", shrink=0.8)
+    figure.colorbar(shown, ax=panels, label="error, % of the longest side", extend="max", shrink=0.8)
     _save(figure, path)
 
 
 def write_surfaces(path: Path, maps: dict[str, Image]) -> None:
     """Every map as a matt surface lit from the upper left: staircases and smeared edges show at a glance."""
-    figure = _figure(3.4 * len(maps), 3.7)
-    for axes, (name, fused) in zip(
-        figure.subplots(1, len(maps), squeeze=False)[0], maps.items(), strict=True
-    ):
+    figure, panels = _panels(len(maps))
+    for axes, (name, fused) in zip(panels, maps.items(), strict=False):
         axes.imshow(shaded(fused), cmap="gray", vmin=0, vmax=1, interpolation="nearest")
         axes.set_title(name, fontsize=10)
-        axes.set_axis_off()
     _save(figure, path)
 
 
@@ -86,13 +81,21 @@ def write_cutoff(path: Path, amplitude: Image, threshold: float) -> None:
 
 def shaded(depth: Image) -> Image:
     """Lambert's law on a depth map seen along parallel rays, 0..1, NaN where unknown."""
-    rows, columns = np.indices(depth.shape, dtype=np.float32)
-    far = 1000 * float(
-        np.nanmax(depth) - np.nanmin(depth) + 1
-    )  # far before the camera, so that rays are parallel
-    normals = normals_from_points(np.dstack([columns * FINE, rows * FINE, depth + far]))
-    light = np.array([-0.4, -0.5, -0.77], np.float32)
-    return np.asarray(0.1 + 0.9 * np.clip(normals @ light, 0, 1), np.float32)
+    down, right = np.gradient(depth, FINE)
+    # The normal is (−right, −down, 1) / length, towards the viewer; the light comes from the upper left.
+    facing = (0.4 * right + 0.5 * down + 0.77) / np.sqrt(1 + down * down + right * right)
+    return np.asarray(0.1 + 0.9 * np.clip(facing, 0, 1), np.float32)
+
+
+def _panels(count: int) -> "tuple[Figure, list[Axes]]":
+    """A figure with at least `count` empty panels, at most four in a row."""
+    columns = min(4, count)
+    rows = -(-count // columns)
+    figure = _figure(3.6 * columns + 0.6, 3.8 * rows)
+    panels: list[Axes] = figure.subplots(rows, columns, squeeze=False).ravel().tolist()
+    for axes in panels:
+        axes.set_axis_off()
+    return figure, panels
 
 
 def _figure(width: float, height: float) -> "Figure":

@@ -17,15 +17,15 @@ Float = NDArray[np.float64]
 
 FEWEST = 0.05  # share of valid pixels under which a frame cannot be placed
 OVERLAP = 0.3  # share of a frame's pixels that the other frames must cover
-STEP = 0.003  # pixels; a sixth of the error that the fusion hardly notices
-COARSE_STEP = 0.05  # pixels; the finer level goes on
+STEP = 0.006  # pixels; the next step would be a third of it
+COARSE_STEP = 0.2  # pixels; the finer level goes on
 ALIASED = 0.2  # pixels; position error of a mosaic of one frame, whose edges alias
 SMOOTHING = 3.0  # λ; a tenth lets noise into the mosaic and biases high noise, ten times blurs it
 SWEEPS = 4  # of conjugate gradients per Gauss–Newton step; twelve change nothing
 DENSITY = (
     2.118  # nodes per pixel: the footprint's first zero is at one cycle a pixel, the Nyquist limit of two
 )
-COARSE_STEP = 0.05  # pixels; the finer level goes on
+COARSE_STEP = 0.2  # pixels; the finer level goes on
 ALIASED = 0.2  # pixels; position error of a mosaic of one frame, whose edges alias
 DENSITY = (
     2.118  # nodes per pixel: the footprint's first zero is at one cycle a pixel, the Nyquist limit of two
@@ -183,7 +183,7 @@ class _Work:
         for _ in range(3):  # rejecting a frame changes the mosaic, so the rest is refined again
             samples, coarser = self.levels[0], None
             if len(self.levels) > 1:
-                _, coarser = self._refine_jointly(self.levels[1], most=2)
+                _, coarser = self._refine_jointly(self.levels[1], most=1)
                 near = self._positions(samples) * np.float32(0.5) - np.float32(0.25)  # on the pooled grid
                 samples = replace(samples, weights=samples.weights * steep_samples(coarser, near))
             equations, _ = self._refine_jointly(samples, most=8, coarser=coarser)

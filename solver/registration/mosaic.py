@@ -209,12 +209,12 @@ def _accumulate(values, weights, positions, row0, column0, density, rows, column
     return stencil[0] + stencil[1], right[0] + right[1]
 
 
-@numba.njit(cache=True, parallel=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True)
 def _stiffened(stencil, image, strength, epsilon):  # type: ignore[no-untyped-def]
     """The stencil plus the prior's, reweighted at the image: stiffness λ / √(|∇U|² + ε²), a mean of 3 × 3."""
     channels, rows, columns = image.shape
     size = np.zeros((rows, columns), dtype=np.float32)
-    for i in numba.prange(rows - 1):
+    for i in range(rows - 1):
         for j in range(columns - 1):
             square = np.float32(0.0)
             for h in range(channels):
@@ -224,7 +224,7 @@ def _stiffened(stencil, image, strength, epsilon):  # type: ignore[no-untyped-de
             size[i, j] = square
     stiffness = np.empty((rows, columns), dtype=np.float32)
     lam, floor = np.float32(strength), np.float32(epsilon * epsilon)
-    for i in numba.prange(rows):
+    for i in range(rows):
         up, low = max(i - 1, 0), min(i + 1, rows - 1)
         for j in range(columns):
             before, after = max(j - 1, 0), min(j + 1, columns - 1)
@@ -234,7 +234,7 @@ def _stiffened(stencil, image, strength, epsilon):  # type: ignore[no-untyped-de
             stiffness[i, j] = lam / np.sqrt(total / np.float32(9.0) + floor)
     result = stencil.copy()
     half = np.float32(0.5)
-    for i in numba.prange(rows):
+    for i in range(rows):
         for j in range(columns):
             own = stiffness[i, j]
             if j + 1 < columns:
@@ -252,13 +252,13 @@ def _stiffened(stencil, image, strength, epsilon):  # type: ignore[no-untyped-de
     return result
 
 
-@numba.njit(cache=True, parallel=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True)
 def _slopes(image, density, down, across):  # type: ignore[no-untyped-def]
     """Central differences per pixel into `down` and `across`; returns |∇U|² (rows, columns)."""
     channels, rows, columns = image.shape
     square = np.zeros((rows, columns), dtype=np.float32)
     half = np.float32(0.5 * density)
-    for i in numba.prange(rows):
+    for i in range(rows):
         up, low = max(i - 1, 0), min(i + 1, rows - 1)
         for h in range(channels):
             above, below, x = image[h, up], image[h, low], image[h, i]
