@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.noise import usual_deviation
 from solver.prior import Prior
 from solver.problem import Problem, Solution
 from solver.sampling import sample
@@ -22,15 +23,38 @@ _SINGLE = ("nearest", "bicubic")
 """Methods that show one frame."""
 
 
+def sample_precision(problem: Problem) -> NDArray[np.float32]:
+    """(βH, βW): Σ 1 / σ² of the samples on each fused pixel, relative to the usual sample's; 0 = none."""
+    used = np.isfinite(problem.distance)
+    if not problem.noise:
+        weights = used.astype(np.float32)
+    else:
+        least = np.float32(np.finfo(np.float32).tiny)
+        weights = np.where(
+            used, np.maximum((usual_deviation(problem) / problem.sigma) ** 2, least), np.float32(0)
+        )
+    return sample(problem.distance, weights, problem.positions, problem.options.upsampling).weight
+
+
 def deviation(
-    problem: Problem, solution: Solution, distance: NDArray[np.float32], away: NDArray[np.float32]
+    problem: Problem,
+    solution: Solution,
+    precision: NDArray[np.float32],
+    distance: NDArray[np.float32],
+    away: NDArray[np.float32],
 ) -> NDArray[np.float32]:
     """(βH, βW) for a filled map; doubled with each low-resolution pixel that the nearest sample is `away`."""
-    factor = problem.options.upsampling
-    noise = _smoothing(solution) * _sample_deviation(problem, factor)
-    fine = np.pad(np.nan_to_num(distance), 2, mode="edge")[None]
-    slope = Prior().norms(fine)[2:-2, 2:-2]
-    place = np.float32(_PLACE) * cv2.blur(slope, (factor, factor), borderType=cv2.BORDER_REFLECT)
+    window = (problem.options.upsampling,) * 2
+    near = cv2.blur(precision, window, borderType=cv2.BORDER_REFLECT) * np.float32(window[0] ** 2)
+    if problem.options.method in _SINGLE:
+        near /= np.float32(len(problem.distance))
+    # Blurred rounding errors are no samples; a hundredth of a sample stands for none.
+    usual = usual_deviation(problem) if problem.noise else 0.0
+    noise = np.float32(_smoothing(solution) * usual) / np.sqrt(np.maximum(near, np.float32(0.01)))
+    fine = np.pad(distance, 2, mode="edge")[None]
+    place = np.float32(_PLACE) * cv2.blur(
+        Prior().norms(fine)[2:-2, 2:-2], window, borderType=cv2.BORDER_REFLECT
+    )
     return np.asarray(np.hypot(noise, place) * np.exp2(np.minimum(away, np.float32(20))), np.float32)
 
 
@@ -38,18 +62,3 @@ def _smoothing(solution: Solution) -> float:
     if solution.relative is None:
         return 1.0
     return float(np.hypot(_FLOOR, _NOISE / solution.relative))
-
-
-def _sample_deviation(problem: Problem, factor: int) -> NDArray[np.float32]:
-    """σ / √n by fused pixel, samples weighted by their precision."""
-    used = np.isfinite(problem.distance)
-    usual = float(np.median(problem.sigma[used]))
-    if not 0 < usual < np.inf:
-        return np.zeros(problem.fused_shape, np.float32)
-    precision = np.where(used, (usual / problem.sigma) ** 2, np.float32(0))
-    samples = sample(problem.distance, precision, problem.positions, factor)
-    near = cv2.blur(samples.weight, (factor, factor), borderType=cv2.BORDER_REFLECT) * np.float32(factor**2)
-    if problem.options.method in _SINGLE:
-        near /= np.float32(len(problem.distance))
-    # Blurred rounding errors are no samples; a hundredth of a sample stands for none.
-    return np.asarray(usual / np.sqrt(np.maximum(near, np.float32(0.01))), np.float32)

@@ -83,7 +83,7 @@ class AreaTerm:
                 "no valid pixel falls on the grid of frame 0; expected shifts smaller than the image"
             )
         self._stencil, self._side = stencil[0] + stencil[1], side[0] + side[1]
-        self._blurred = np.zeros((len(values), *nodes), kind)
+        self._blurred = np.zeros(nodes, kind)
         self._pull = np.zeros((len(values), rows + 2 * PAD, columns + 2 * PAD), kind)
         self._shrink = np.ones((rows + 2 * PAD, columns + 2 * PAD), kind)
 
@@ -141,10 +141,13 @@ class AreaTerm:
         return best * linear - best**2 * square
 
     def _sums(self, x: NDArray[np.floating]) -> NDArray[np.float64]:
-        for channel in range(len(x)):
-            kernels.blur(x[channel], self._taps, self._size, self._blurred[channel])
-        return np.asarray(
-            kernels.residuals(
-                self._values, self._weights, self._positions, self._scale, self._offset, self._blurred
+        """(C, 5), see `kernels.residuals`."""
+        sums = []
+        for channel, values in zip(x, self._values, strict=True):
+            kernels.blur(channel, self._taps, self._size, self._blurred)
+            sums.append(
+                kernels.residuals(
+                    values, self._weights, self._positions, self._scale, self._offset, self._blurred
+                )
             )
-        )
+        return np.array(sums)

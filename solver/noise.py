@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from solver.problem import Problem
 
 _MEDIAN_TO_SIGMA = 1.4826  # of the absolute value of a normal variable
+_ENOUGH = 20_000  # values for a median or a percentile to a per cent
 _FRAMES = 5  # enough samples for a median to a per cent, at a bounded cost
 
 
@@ -26,6 +27,7 @@ def estimate(distance: NDArray[np.float32], amplitude: NDArray[np.float32] | Non
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
             ratio = mixed / np.sqrt(_masked(1 / amplitude[picked] ** 2, np.array([1.0, 4.0, 1.0])))
     values = ratio[np.isfinite(ratio)]
+    values = values[:: max(1, values.size // _ENOUGH)]
     return _MEDIAN_TO_SIGMA * float(np.median(values)) if values.size else 0.0
 
 
@@ -64,11 +66,11 @@ def usual_deviation(problem: Problem) -> float:
     """The median deviation of the used samples, never 0, so that it can divide."""
     values = problem.sigma[np.isfinite(problem.distance) & np.isfinite(problem.sigma)]
     tiny = float(np.finfo(np.float32).tiny)
-    return max(float(np.median(values)), tiny) if values.size else tiny
+    return max(float(np.median(values[:: max(1, values.size // _ENOUGH)])), tiny) if values.size else tiny
 
 
 def spread(distance: NDArray[np.float32]) -> float:
     """The range of the distances without the outermost 2 % at either end: the scene's, not the outliers'."""
     values = distance[np.isfinite(distance)]
-    low, high = np.percentile(values[:: max(1, values.size // 20000)], [2, 98])
+    low, high = np.percentile(values[:: max(1, values.size // _ENOUGH)], [2, 98])
     return float(high - low)

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver import noise as noise_law
-from solver.deviation import deviation
+from solver.deviation import deviation, sample_precision
 from solver.errors import FusionInputError
 from solver.fill import reach, smooth
 from solver.options import FusionOptions
@@ -42,8 +42,8 @@ def prepare(
 def complete(problem: Problem, solution: Solution) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """(distance, deviation), filled up to `fill` low-resolution pixels from the nearest used sample."""
     factor = problem.options.upsampling
-    seen = _seen(problem)
-    away = reach(seen) / np.float32(factor)
+    precision = sample_precision(problem)
+    away = reach(precision > 0) / np.float32(factor)
     known = np.isfinite(solution.distance)
     if known.all():
         distance = solution.distance
@@ -51,24 +51,11 @@ def complete(problem: Problem, solution: Solution) -> tuple[NDArray[np.float32],
         distance = smooth(solution.distance, known)
         away = np.maximum(away, reach(known) / np.float32(factor))
     beyond = away > problem.options.fill
-    spread = deviation(problem, solution, distance, np.minimum(away, np.float32(problem.options.fill)))
+    spread = deviation(
+        problem, solution, precision, distance, np.minimum(away, np.float32(problem.options.fill))
+    )
     blank = np.float32(np.nan)
     return np.where(beyond, blank, distance), np.where(beyond, blank, spread)
-
-
-def _seen(problem: Problem) -> NDArray[np.bool_]:
-    factor = problem.options.upsampling
-    rows, columns = problem.fused_shape
-    valid = np.isfinite(problem.distance)
-    cell = np.floor((problem.positions[valid] + 0.5) * factor).astype(np.int64)
-    inside = (cell >= 0).all(-1) & (cell[:, 0] < rows) & (cell[:, 1] < columns)
-    seen = np.zeros((rows, columns), np.bool_)
-    seen[cell[inside, 0], cell[inside, 1]] = True
-    if not seen.any():
-        raise FusionInputError(
-            "no valid pixel falls on the grid of frame 0; expected shifts smaller than the image"
-        )
-    return seen
 
 
 def _lit(

@@ -53,6 +53,7 @@ def minimise_reweighted(
             limit=max(1, limit - done),
             scale=scale,
             progress=progress,
+            certify=last,
         )
         done += outcome.iterations
         if not last:

@@ -187,16 +187,16 @@ def accumulate(  # type: ignore[no-untyped-def]
 
 @njit(parallel=True, cache=True)
 def residuals(values, weights, positions, scale, offset, blurred):  # type: ignore[no-untyped-def]
-    """Sums over the samples in float64: Ω, Ω y, Ω A X, Ω (y − A X)², Ω (y² − (A X)²).
+    """(5,) sums over the samples in float64: Ω, Ω y, Ω A X, Ω (y − A X)², Ω (y² − (A X)²), of one channel.
 
-    Args: as in `accumulate`; blurred: (C, nodes + 2, nodes + 2).
-    Returns: (C, 5).
+    Args: values (N, H, W); blurred (nodes + 2, nodes + 2); the others as in `accumulate`.
     """
-    channels, frames, rows, columns = values.shape
-    node_rows, node_columns = blurred.shape[1] - 2, blurred.shape[2] - 2
-    sums = np.zeros((frames * rows, channels, 5))
+    frames, rows, columns = values.shape
+    node_rows, node_columns = blurred.shape[0] - 2, blurred.shape[1] - 2
+    sums = np.zeros((frames * rows, 5))
     for line in prange(frames * rows):
         k, i = line // rows, line % rows
+        total, data, fit, square, rest = 0.0, 0.0, 0.0, 0.0, 0.0
         for j in range(columns):
             weight = float(weights[k, i, j])
             if weight <= 0:
@@ -206,17 +206,15 @@ def residuals(values, weights, positions, scale, offset, blurred):  # type: igno
             if u < 0 or v < 0:
                 continue
             u, v = u + 1, v + 1
-            for c in range(channels):
-                y, image = float(values[c, k, i, j]), blurred[c]
-                upper = (1 - fv) * image[u, v] + fv * image[u, v + 1]
-                lower = (1 - fv) * image[u + 1, v] + fv * image[u + 1, v + 1]
-                model = (1 - fu) * upper + fu * lower
-                sums[line, c, 0] += weight
-                sums[line, c, 1] += weight * y
-                sums[line, c, 2] += weight * model
-                sums[line, c, 3] += weight * (y - model) ** 2
-                sums[line, c, 4] += weight * (y - model) * (y + model)
-    result = np.zeros((channels, 5))
-    for line in range(frames * rows):
-        result += sums[line]
-    return result
+            y = float(values[k, i, j])
+            upper = (1 - fv) * blurred[u, v] + fv * blurred[u, v + 1]
+            lower = (1 - fv) * blurred[u + 1, v] + fv * blurred[u + 1, v + 1]
+            model = (1 - fu) * upper + fu * lower
+            total += weight
+            data += weight * y
+            fit += weight * model
+            square += weight * (y - model) * (y - model)
+            rest += weight * (y - model) * (y + model)
+        sums[line, 0], sums[line, 1], sums[line, 2] = total, data, fit
+        sums[line, 3], sums[line, 4] = square, rest
+    return sums.sum(axis=0)

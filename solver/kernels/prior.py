@@ -17,28 +17,29 @@ _TILE_ROWS = 36
 
 
 @njit(fastmath=True)
-def _ascend(i, over, dual, up, radius, rho):  # type: ignore[no-untyped-def]
-    """dual ← dual + ρ (projection of (dual + σ ∇over) onto its ball − dual), row i, one channel."""
+def _ascend(i, over, dual, up, rho):  # type: ignore[no-untyped-def]
+    """dual ← dual + ρ (projection of (dual + σ ∇over) onto the unit ball − dual), row i, one channel."""
     n = over.shape[1] - 4
     here, right, right2 = over[i, 2 : 2 + n], over[i, 3 : 3 + n], over[i, 4 : 4 + n]
     down, diagonal, antidiagonal = over[i + 1, 2 : 2 + n], over[i + 1, 3 : 3 + n], over[i + 1, 1 : 1 + n]
     down2 = over[i + 2, 2 : 2 + n]
     p0, p1, p2 = dual[0, i, 2 : 2 + n], dual[1, i, 2 : 2 + n], dual[2, i, 2 : 2 + n]
     p3, p4, p5 = dual[3, i, 2 : 2 + n], dual[4, i, 2 : 2 + n], dual[5, i, 2 : 2 + n]
-    w0, w1, w2, w3, w4, w5 = up[0], up[1], up[2], up[3], up[4], up[5]
-    reach = radius[i, 2 : 2 + n]
-    keep = 1 - rho
+    # Differences down leave the image by whole rows, so their weights are the same in every column. Fewer
+    # arrays also keep the compiler's test that none overlap within its limit.
+    w0, w1, w2, w3, w4, w5 = up[0], up[1, 0], up[2], up[3], up[4], up[5, 0]
+    keep = over.dtype.type(1) - rho  # a plain 1 would make it float64
     for j in range(n):
-        x, r = here[j], reach[j]
+        x = here[j]
         o0, o1, o2, o3, o4, o5 = p0[j], p1[j], p2[j], p3[j], p4[j], p5[j]
         a0 = o0 + w0[j] * (x - right[j])
-        a1 = o1 + w1[j] * (x - down[j])
+        a1 = o1 + w1 * (x - down[j])
         a2 = o2 + w2[j] * (x - diagonal[j])
         a3 = o3 + w3[j] * (x - antidiagonal[j])
         a4 = o4 + w4[j] * (x - right2[j])
-        a5 = o5 + w5[j] * (x - down2[j])
+        a5 = o5 + w5 * (x - down2[j])
         square = a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3 + a4 * a4 + a5 * a5
-        s = rho * r / np.sqrt(max(r * r, square))
+        s = rho / np.sqrt(max(np.float32(1), square))
         p0[j] = keep * o0 + s * a0
         p1[j] = keep * o1 + s * a1
         p2[j] = keep * o2 + s * a2
@@ -49,22 +50,22 @@ def _ascend(i, over, dual, up, radius, rho):  # type: ignore[no-untyped-def]
 
 @njit(fastmath=True)
 def _squares(i, over, dual, up, squares):  # type: ignore[no-untyped-def]
-    """Add one channel's ‖dual + σ ∇over‖² at row i: the first half of `_ascend` for several channels."""
+    """Add one channel's ‖dual + σ ∇over‖² at row i: half of `_ascend`, for channels and balls of any size."""
     n = over.shape[1] - 4
     here, right, right2 = over[i, 2 : 2 + n], over[i, 3 : 3 + n], over[i, 4 : 4 + n]
     down, diagonal, antidiagonal = over[i + 1, 2 : 2 + n], over[i + 1, 3 : 3 + n], over[i + 1, 1 : 1 + n]
     down2 = over[i + 2, 2 : 2 + n]
     p0, p1, p2 = dual[0, i, 2 : 2 + n], dual[1, i, 2 : 2 + n], dual[2, i, 2 : 2 + n]
     p3, p4, p5 = dual[3, i, 2 : 2 + n], dual[4, i, 2 : 2 + n], dual[5, i, 2 : 2 + n]
-    w0, w1, w2, w3, w4, w5 = up[0], up[1], up[2], up[3], up[4], up[5]
+    w0, w1, w2, w3, w4, w5 = up[0], up[1, 0], up[2], up[3], up[4], up[5, 0]
     for j in range(n):
         x = here[j]
         a0 = p0[j] + w0[j] * (x - right[j])
-        a1 = p1[j] + w1[j] * (x - down[j])
+        a1 = p1[j] + w1 * (x - down[j])
         a2 = p2[j] + w2[j] * (x - diagonal[j])
         a3 = p3[j] + w3[j] * (x - antidiagonal[j])
         a4 = p4[j] + w4[j] * (x - right2[j])
-        a5 = p5[j] + w5[j] * (x - down2[j])
+        a5 = p5[j] + w5 * (x - down2[j])
         squares[j] += a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3 + a4 * a4 + a5 * a5
 
 
@@ -77,17 +78,17 @@ def _scale(i, over, dual, up, factor, rho):  # type: ignore[no-untyped-def]
     down2 = over[i + 2, 2 : 2 + n]
     p0, p1, p2 = dual[0, i, 2 : 2 + n], dual[1, i, 2 : 2 + n], dual[2, i, 2 : 2 + n]
     p3, p4, p5 = dual[3, i, 2 : 2 + n], dual[4, i, 2 : 2 + n], dual[5, i, 2 : 2 + n]
-    w0, w1, w2, w3, w4, w5 = up[0], up[1], up[2], up[3], up[4], up[5]
-    keep = 1 - rho
+    w0, w1, w2, w3, w4, w5 = up[0], up[1, 0], up[2], up[3], up[4], up[5, 0]
+    keep = over.dtype.type(1) - rho  # a plain 1 would make it float64
     for j in range(n):
         x, s = here[j], factor[j]
         t = keep + s
         p0[j] = t * p0[j] + s * w0[j] * (x - right[j])
-        p1[j] = t * p1[j] + s * w1[j] * (x - down[j])
+        p1[j] = t * p1[j] + s * w1 * (x - down[j])
         p2[j] = t * p2[j] + s * w2[j] * (x - diagonal[j])
         p3[j] = t * p3[j] + s * w3[j] * (x - antidiagonal[j])
         p4[j] = t * p4[j] + s * w4[j] * (x - right2[j])
-        p5[j] = t * p5[j] + s * w5[j] * (x - down2[j])
+        p5[j] = t * p5[j] + s * w5 * (x - down2[j])
 
 
 @njit(fastmath=True)
@@ -113,7 +114,7 @@ def _descend(i, x, over, dual, down, shrink, pull, rho):  # type: ignore[no-unty
 
 @njit(fastmath=True)
 def _sweep(  # type: ignore[no-untyped-def]
-    ascend, descend, x, over, dual, radius, shrink, pull, up, down, rho
+    ascend, descend, x, over, dual, weighted, radius, shrink, pull, up, down, rho
 ):
     """One iteration over some rows: a row of the map moves once all groups that see it have moved."""
     channels, rows = x.shape[0], x.shape[1] - 4
@@ -122,8 +123,8 @@ def _sweep(  # type: ignore[no-untyped-def]
         i = row + PAD
         if ascend[0] <= row < ascend[1]:
             weights = up[max(0, row + 3 - rows)]
-            if channels == 1:
-                _ascend(i, over[0], dual[0], weights, radius, rho)
+            if channels == 1 and not weighted:
+                _ascend(i, over[0], dual[0], weights, rho)
             else:
                 factor[:] = 0
                 for c in range(channels):
@@ -140,14 +141,15 @@ def _sweep(  # type: ignore[no-untyped-def]
 
 @njit(parallel=True, fastmath=True, cache=True)
 def iterate(  # type: ignore[no-untyped-def]
-    iterations, x, over, dual, radius, shrink, pull, up, down, rho
+    iterations, x, over, dual, weighted, radius, shrink, pull, up, down, rho
 ):
     """Run iterations in place: tiles of rows side by side, then the two rows either side of each seam.
 
     Args:
         iterations: how many, with the same `shrink` and `pull`.
         x, over: (C, rows, columns), padded; the map and its extrapolation.
-        dual: (C, 6, rows, columns), padded; radius: (rows, columns), padded, of each group's ball.
+        dual: (C, 6, rows, columns), padded.
+        weighted: whether the groups' balls have other radii than 1; radius: (rows, columns), padded.
         shrink: (rows, columns), padded; pull: (C, rows, columns), padded: the data term's step.
         up: (3, 6, columns) and down: (6,), the differences' weights times the dual and the primal step.
         rho: over-relaxation, from 1 up to below 2.
@@ -165,7 +167,7 @@ def iterate(  # type: ignore[no-untyped-def]
                 else:
                     ascend = (end - PAD, end)
                     descend = (end - PAD, end + PAD)
-                _sweep(ascend, descend, x, over, dual, radius, shrink, pull, up, down, rho)
+                _sweep(ascend, descend, x, over, dual, weighted, radius, shrink, pull, up, down, rho)
 
 
 @njit(fastmath=True)
@@ -173,15 +175,15 @@ def _gradient_squares(row, x, up, square):  # type: ignore[no-untyped-def]
     """Add ‖∇x‖² of a row, all channels."""
     channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
     weights = up[max(0, row + 3 - rows)]
-    w0, w1, w2, w3, w4, w5 = weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
+    w0, w1, w2, w3, w4, w5 = weights[0], weights[1, 0], weights[2], weights[3], weights[4], weights[5, 0]
     for c in range(channels):
         a, b, d = x[c, row + 2], x[c, row + 3], x[c, row + 4]
         here, right, right2 = a[2 : 2 + n], a[3 : 3 + n], a[4 : 4 + n]
         down, diagonal, antidiagonal, down2 = b[2 : 2 + n], b[3 : 3 + n], b[1 : 1 + n], d[2 : 2 + n]
         for j in range(n):
             v = here[j]
-            g0, g1, g2 = w0[j] * (v - right[j]), w1[j] * (v - down[j]), w2[j] * (v - diagonal[j])
-            g3, g4, g5 = w3[j] * (v - antidiagonal[j]), w4[j] * (v - right2[j]), w5[j] * (v - down2[j])
+            g0, g1, g2 = w0[j] * (v - right[j]), w1 * (v - down[j]), w2[j] * (v - diagonal[j])
+            g3, g4, g5 = w3[j] * (v - antidiagonal[j]), w4[j] * (v - right2[j]), w5 * (v - down2[j])
             square[j] += g0 * g0 + g1 * g1 + g2 * g2 + g3 * g3 + g4 * g4 + g5 * g5
 
 
