@@ -11,4 +11,3 @@ import os
 # GNU's OpenMP lets waiting threads spin. On a machine of two cores that also captures and publishes, a
 # spinning thread keeps its partner from running: measured 20 times slower under load, no slower without.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-print("CORE HELPER: read solver/NOTE_FROM_LEAD_TO_CORE.md NOW (lead), then delete this line")
