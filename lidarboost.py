@@ -20,13 +20,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from drivers import Camera
     from drivers.recording import open_recording
-    from service.client import Client
+    from service.wire.client import Client
     from solver import Fused, FusionOptions, SlidingFusion, fuse
 
 __all__ = ["Client", "Fused", "FusionOptions", "SlidingFusion", "fuse", "open_camera", "open_recording"]
 
 _HOMES = {
-    "Client": "service.client",
+    "Client": "service.wire.client",
     "Fused": "solver",
     "FusionOptions": "solver",
     "SlidingFusion": "solver",

@@ -7,10 +7,10 @@ from pathlib import Path
 from drivers.calibration import Calibration
 from drivers.messages import calibration_message, frame_messages
 from drivers.recording import Recording, RecordingWriter, attachments
-from service.burst import Burst
+from service.capture.burst import Burst
 from service.config import FusionSection
-from service.fusion import FusedBurst, fuse_burst
-from service.messages import fused_messages
+from service.fusion.fusion import FusedBurst, fuse_burst
+from service.wire.messages import fused_messages
 from solver.result import Progress
 
 Announce = Callable[[Burst], Progress | None]

@@ -17,11 +17,11 @@ from drivers.stage import Position
 from service.calibration.board import Board, Sighting, find_board
 from service.calibration.intrinsics import is_new
 from service.calibration.mount import View
-from service.capture import ScanBursts
+from service.capture.live import filmed, live
+from service.capture.loop import ScanBursts
+from service.capture.plan import Plan
 from service.config import Configuration
 from service.errors import CalibrationError
-from service.live import filmed, live
-from service.plan import Plan
 
 
 @dataclass(frozen=True)

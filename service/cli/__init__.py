@@ -54,9 +54,7 @@ COMMANDS: dict[str, Entry] = {
     "calibrate": Entry(
         "service.cli.calibrate", "calibrate", "Find a camera's optics, errors, noise and mount.", _DEVICES
     ),
-    "evaluate": Entry(
-        "service.cli.evaluate", "evaluate", "Compare the methods on a known depth map.", _REST
-    ),
+    "evaluate": Entry("service.cli.evaluate", "evaluate", "Compare the methods on a known depth map.", _REST),
     "config": Entry("service.cli.config", "config", "Check a configuration, or show its schema.", _REST),
 }
 """Every command, in the order that help shows them."""

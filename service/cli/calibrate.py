@@ -72,7 +72,7 @@ def intrinsics(
     """
     from service.calibration.footage import find_sightings, recorded
     from service.calibration.intrinsics import calibrate_intrinsics
-    from service.live import filmed, live
+    from service.capture.live import filmed, live
 
     check_output(output, base, force)
     printed = board_of(board, square, charuco, marker)

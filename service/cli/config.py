@@ -33,8 +33,8 @@ def check(
     """
     import tomli_w
 
+    from service.capture.rig import check_options
     from service.config_file import load
-    from service.rig import check_options
 
     found = load(file)
     check_options(found)

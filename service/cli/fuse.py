@@ -11,10 +11,10 @@ import typer
 from solver.options import Method
 
 if TYPE_CHECKING:
-    from service.burst import Burst
+    from service.capture.burst import Burst
     from service.config import Configuration
+    from service.fusion.summary import BurstSummary
     from service.offline import Announce
-    from service.summary import BurstSummary
     from solver.result import Progress as Iterated
 
 
@@ -115,12 +115,12 @@ def _fuse_one(
 ) -> dict[str, Any]:
     """Fuse a recording; returns what is said of it as JSON."""
     from drivers.recording import open_recording
-    from service.directory import made_directory
+    from service.capture.rig import configured_calibration
+    from service.fusion.quality import judge
+    from service.fusion.summary import describe, summarize
     from service.offline import fuse_recording
-    from service.preview import write_preview
-    from service.quality import judge
-    from service.rig import configured_calibration
-    from service.summary import describe, summarize
+    from service.output.directory import made_directory
+    from service.output.preview import write_preview
 
     recording = open_recording(path)
     calibration = configured_calibration(configuration.camera)

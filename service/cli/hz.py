@@ -22,10 +22,10 @@ def hz(
 
     [bold]Example[/bold]  lidarboost hz -c rig.toml --seconds 60
     """
+    from service.capture.frame_rate import frame_rate, numbers_of
+    from service.capture.live import filmed, live
     from service.config_file import load
     from service.errors import ServiceError
-    from service.frame_rate import frame_rate, numbers_of
-    from service.live import filmed, live
 
     seen: list[tuple[int, int, int]] = []
     with live(load(config)) as grabber:

@@ -6,9 +6,9 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from drivers.frame import Frame
+from service.capture.played import recording_of
 from service.daemon import Daemon, Watch
-from service.played import recording_of
-from service.summary import BurstSummary, describe
+from service.fusion.summary import BurstSummary, describe
 
 if TYPE_CHECKING:
     from rich.progress import Progress

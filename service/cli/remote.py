@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from service.addresses import DEFAULT_ENDPOINT, DEFAULT_PREFIX
+from service.wire.addresses import DEFAULT_ENDPOINT, DEFAULT_PREFIX
 
 Endpoint = Annotated[
     str, typer.Option(envvar="LIDARBOOST_ENDPOINT", help="Where the service, or a router, listens.")

@@ -15,7 +15,7 @@ import typer
 if TYPE_CHECKING:
     from service.config import Configuration
     from service.daemon import Daemon
-    from service.summary import RunSummary
+    from service.fusion.summary import RunSummary
 
 _IMPATIENCE = 2.0
 """Seconds after which a second signal is meant: `timeout` and some supervisors send each one twice."""
@@ -82,11 +82,11 @@ def run(
     was lost: a damaged recording, a burst that could not be fused,
     something not delivered. A daemon told to stop ends with 0.
     """
+    from service.capture.rig import make_rig
     from service.cli.progress import shown_progress
     from service.config_file import load
     from service.daemon import Daemon
-    from service.logs import log_to_stream
-    from service.rig import make_rig
+    from service.health.logs import log_to_stream
 
     _check(replay, speed, loop, once)
     configuration = load(config)

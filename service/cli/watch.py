@@ -17,9 +17,9 @@ def watch(
     """Print one line for each message of a topic, the latest first, until Ctrl-C."""
     from itertools import islice
 
-    from service.client import Client
-    from service.saving import as_json as to_json
-    from service.saving import summarize
+    from service.output.saving import as_json as to_json
+    from service.output.saving import summarize
+    from service.wire.client import Client
 
     with Client(endpoint, prefix) as client, client.subscribe(topic) as messages:
         for received in islice(messages, count):

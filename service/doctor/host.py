@@ -31,8 +31,8 @@ ZENOH_REMEDY = (
 
 def check_zenoh(configuration: Configuration) -> Iterator[Check]:
     """Is the service's endpoint free?"""
-    from service.addresses import DEFAULT_ENDPOINT
-    from service.sockets import holder
+    from service.wire.addresses import DEFAULT_ENDPOINT
+    from service.wire.sockets import holder
 
     file = configuration.zenoh.config
     if file is not None:

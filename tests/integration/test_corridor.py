@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from drivers.recording import Recording, open_recording
 from service.cli import app
 from service.config import FusionSection
-from service.fusion import FusedBurst
+from service.fusion.fusion import FusedBurst
 from service.offline import fuse_recording
 from solver.geometry import points_from_distance
 

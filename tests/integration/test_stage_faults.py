@@ -11,10 +11,10 @@ import pytest
 
 from drivers.mesasr import library
 from drivers.usb import discovery
-from service.capture import Capture, Grabber, ScanBursts
+from service.capture.loop import Capture, Grabber, ScanBursts
+from service.capture.plan import make_plan
+from service.capture.rig import make_rig
 from service.config import CameraSection, Configuration, PlanSection, StageSection
-from service.plan import make_plan
-from service.rig import make_rig
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "drivers"))
 

@@ -16,9 +16,9 @@ from drivers.mesasr import library
 from drivers.messages import decode_image
 from drivers.recording import open_recording
 from drivers.usb import discovery
+from service.capture.rig import make_rig
 from service.config_file import load
 from service.daemon import Daemon, Watch
-from service.rig import make_rig
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "drivers"))
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from drivers import Frame, sr3000_calibration
-from service.burst import Burst
+from service.capture.burst import Burst
 from service.config import FusionSection
-from service.fusion import FusedBurst, fuse_burst
+from service.fusion.fusion import FusedBurst, fuse_burst
 
 NOISE, SHAPE = 0.01, (36, 44)
 

@@ -16,11 +16,11 @@ from drivers import (
     RecordingError,
 )
 from drivers.clock import VirtualClock
-from service.burst import Burst
-from service.capture import Capture, CarriedBursts, Grabber, ScanBursts, exposure_start
+from service.capture.burst import Burst
+from service.capture.loop import Capture, CarriedBursts, Grabber, ScanBursts, exposure_start
+from service.capture.plan import make_plan
+from service.capture.rig import Rig
 from service.config import PlanSection
-from service.plan import make_plan
-from service.rig import Rig
 
 SETTLE = 0.05
 

@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from service.client import Client
 from service.errors import RemoteError
-from service.fusion import FusedBurst
-from service.messages import fused_messages
-from service.publisher import Publisher
-from service.session import open_session
+from service.fusion.fusion import FusedBurst
+from service.wire.client import Client
+from service.wire.messages import fused_messages
+from service.wire.publisher import Publisher
+from service.wire.session import open_session
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 

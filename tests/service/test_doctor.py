@@ -125,12 +125,12 @@ def test_modem_manager_is_warned_of(monkeypatch):
 def test_zenoh_port_in_use(monkeypatch):
     with socket.create_server(("127.0.0.1", 0)) as server:
         taken = server.getsockname()[1]
-        monkeypatch.setattr("service.addresses.DEFAULT_ENDPOINT", f"tcp/127.0.0.1:{taken}")
-        monkeypatch.setattr("service.sockets.holder", lambda _: "process 9 (zenohd)")
+        monkeypatch.setattr("service.wire.addresses.DEFAULT_ENDPOINT", f"tcp/127.0.0.1:{taken}")
+        monkeypatch.setattr("service.wire.sockets.holder", lambda _: "process 9 (zenohd)")
         assert only(check_zenoh(PLAIN)).state == "problem"
-        monkeypatch.setattr("service.sockets.holder", lambda _: "process 9 (lidarboost)")
+        monkeypatch.setattr("service.wire.sockets.holder", lambda _: "process 9 (lidarboost)")
         assert only(check_zenoh(PLAIN)).state == "ok"
-        monkeypatch.setattr("service.sockets.holder", lambda _: None)
+        monkeypatch.setattr("service.wire.sockets.holder", lambda _: None)
         assert "another user's process" in only(check_zenoh(PLAIN)).finding
     check = only(check_zenoh(PLAIN))
     assert (check.state, check.finding) == ("ok", f"tcp/127.0.0.1:{taken} is free")

@@ -9,10 +9,10 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
 from drivers.messages import Message
-from service.fusion import FusedBurst
-from service.messages import fused_messages, log_message, points_message
-from service.report import BurstReport
+from service.fusion.fusion import FusedBurst
+from service.fusion.report import BurstReport
 from service.topics import TOPICS
+from service.wire.messages import fused_messages, log_message, points_message
 
 
 def by_topic(result: FusedBurst) -> dict[str, Message]:
@@ -99,9 +99,9 @@ def test_report_reads_back_and_without_amplitude_none_is_sent(fused: Callable[[i
     ],
 )
 def test_log_records_keep_their_level_and_text(level: int, expected: int) -> None:
-    record = logging.LogRecord("service.rig", level, "/x/rig.py", 12, "lost %s", ("camera",), None)
+    record = logging.LogRecord("service.capture.rig", level, "/x/rig.py", 12, "lost %s", ("camera",), None)
     log = Log.FromString(log_message(record).payload)
     assert (log.level, log.message, log.name, log.file, log.line) == (
-        expected, "lost camera", "service.rig", "rig.py", 12,
+        expected, "lost camera", "service.capture.rig", "rig.py", 12,
     )  # fmt: skip
     assert abs(log.timestamp.ToNanoseconds() - record.created * 1e9) < 1e6

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from drivers import sr3000_calibration
-from service.burst import Burst
+from service.capture.burst import Burst
 from service.config import FusionSection
-from service.fusion import FusedBurst, fuse_burst
-from service.preview import draw, write_preview
-from service.quality import error_map, judge
-from service.shading import shade
+from service.fusion.fusion import FusedBurst, fuse_burst
+from service.fusion.quality import error_map, judge
+from service.output.preview import draw, write_preview
+from service.output.shading import shade
 
 
 @pytest.fixture(scope="module")

@@ -19,12 +19,12 @@ import pytest
 import zenoh
 
 from drivers.messages import Message, Schema
-from service.addresses import DEFAULT_PREFIX
 from service.errors import SessionError
-from service.fusion import FusedBurst
-from service.messages import fused_messages, points_message
-from service.publisher import Publisher
-from service.session import open_session
+from service.fusion.fusion import FusedBurst
+from service.wire.addresses import DEFAULT_PREFIX
+from service.wire.messages import fused_messages, points_message
+from service.wire.publisher import Publisher
+from service.wire.session import open_session
 
 LISTENER = Path(__file__).with_name("listener.py")
 BLOB = Schema("foxglove.Log", "protobuf", b"")

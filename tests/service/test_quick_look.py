@@ -5,9 +5,9 @@ import pytest
 from typer.testing import CliRunner
 
 from drivers.recording import open_recording
+from service.capture.frame_rate import frame_rate
 from service.cli import app
 from service.errors import ServiceError
-from service.frame_rate import frame_rate
 
 SIMULATED = """
 [camera]

@@ -10,9 +10,9 @@ import drivers.recording.output as output
 from drivers.messages import Message, Schema
 from service.config import RecordingSection
 from service.errors import OutputError, ServiceError
-from service.outbox import Outbox
-from service.recorder import Head, Recorder
-from service.shelf import Shelf, SingleFile
+from service.output.recorder import Head, Recorder
+from service.output.shelf import Shelf, SingleFile
+from service.wire.outbox import Outbox
 
 SCHEMA = Schema("lidarboost.Status", "jsonschema", b'{"type": "object"}')
 SECOND = 1_000_000_000

@@ -7,12 +7,12 @@ import pytest
 from typer.testing import CliRunner
 
 from service.cli import app
-from service.fusion import FusedBurst
-from service.messages import fused_messages, points_message, status_message
-from service.publisher import Publisher
-from service.recorder import RecorderState
-from service.session import open_session
-from service.status import Drops, Rates, Status, Totals
+from service.fusion.fusion import FusedBurst
+from service.health.status import Drops, Rates, Status, Totals
+from service.output.recorder import RecorderState
+from service.wire.messages import fused_messages, points_message, status_message
+from service.wire.publisher import Publisher
+from service.wire.session import open_session
 
 STATUS = Status(
     timestamp=1_700_000_000_000_000_000,

@@ -17,7 +17,7 @@ from drivers import Frame
 from drivers.calibration import Mount
 from drivers.recording import RecordingWriter, open_recording
 from service.cli import COMMANDS, app
-from service.session import open_session
+from service.wire.session import open_session
 
 ROOT = Path(__file__).parents[2]
 WEDGES = ROOT / "recordings" / "wedges.mcap"

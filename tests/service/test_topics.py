@@ -1,8 +1,8 @@
 from pathlib import Path
 
 from drivers.messages import FrameFields, json_schema
-from service.report import BurstReport
-from service.status import Status
+from service.fusion.report import BurstReport
+from service.health.status import Status
 from service.topics import TOPICS, Congestion, topic_table
 
 ROOT = Path(__file__).parents[2]

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.recording import attachments
+from service.capture.played import pack_truth
+from service.capture.rig import Rig
 from service.config import Configuration
-from service.played import pack_truth
-from service.recording_file import Head
-from service.rig import Rig
+from service.output.recording_file import Head
 from service.versions import software_version
 
 

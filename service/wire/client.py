@@ -14,11 +14,11 @@ import zenoh
 import zenoh.ext
 
 from drivers.messages import CAMERA_CALIBRATION
-from service.addresses import DEFAULT_ENDPOINT, DEFAULT_PREFIX
-from service.decoding import Received, decode
 from service.errors import RemoteError
-from service.session import open_session
 from service.topics import FUSED_CALIBRATION, TOPICS, Congestion, Topic
+from service.wire.addresses import DEFAULT_ENDPOINT, DEFAULT_PREFIX
+from service.wire.decoding import Received, decode
+from service.wire.session import open_session
 
 _IMAGES = 2
 """Images that wait for a slow reader: the one it takes next, and the newest."""

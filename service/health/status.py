@@ -8,7 +8,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from service.recorder import RecorderState
+from service.output.recorder import RecorderState
 
 State = Literal["starting", "scanning", "streaming", "idle", "recovering", "stopping"]
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from drivers.calibration import Calibration
 from drivers.frame import Frame
 from drivers.poses import relative_rotations
-from service.burst import Burst
+from service.capture.burst import Burst
+from service.capture.plan import coverage
 from service.config import FusionSection
-from service.plan import coverage
-from service.report import BurstReport, Phases
+from service.fusion.report import BurstReport, Phases
 from solver import FusionWarning, fuse
 from solver.geometry import depth_from_distance, fused_intrinsics
 from solver.result import Fused, Progress

@@ -13,10 +13,10 @@ import zenoh
 import zenoh.ext
 
 from drivers.messages import Message
-from service.addresses import DEFAULT_PREFIX
-from service.outbox import Outbox
-from service.sockets import bytes_under_way
 from service.topics import ALIVE, TOPICS, Congestion, Topic
+from service.wire.addresses import DEFAULT_PREFIX
+from service.wire.outbox import Outbox
+from service.wire.sockets import bytes_under_way
 
 _QUEUE_ITEMS = 2000
 _QUEUE_BYTES = 64 << 20

@@ -13,9 +13,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from drivers.errors import StorageError
 from drivers.messages import CAMERA_CALIBRATION, Message
 from service.errors import ServiceError
-from service.outbox import Outbox
-from service.recording_file import Head, RecordingFile, Unit
+from service.output.recording_file import Head, RecordingFile, Unit
 from service.topics import TOPICS
+from service.wire.outbox import Outbox
 
 _QUEUE_UNITS = 4096
 _QUEUE_BYTES = 128 << 20

@@ -9,8 +9,8 @@ import numpy as np
 from google.protobuf.json_format import MessageToDict
 from numpy.typing import NDArray
 
-from service.decoding import Received
 from service.errors import ConfigurationError, OutputError
+from service.wire.decoding import Received
 
 _PLY_TYPE = "float"
 

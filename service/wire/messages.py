@@ -19,7 +19,7 @@ from drivers.messages import (
     protobuf_message,
     protobuf_time,
 )
-from service.fusion import FusedBurst
+from service.fusion.fusion import FusedBurst
 from service.topics import (
     FUSED_AMPLITUDE,
     FUSED_CALIBRATION,

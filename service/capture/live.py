@@ -9,9 +9,9 @@ from threading import Event
 
 from drivers.errors import EndOfRecordingError
 from drivers.frame import Frame
-from service.capture import Grabber
+from service.capture.loop import Grabber
+from service.capture.rig import make_rig
 from service.config import Configuration
-from service.rig import make_rig
 
 
 @contextmanager

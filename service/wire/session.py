@@ -10,9 +10,9 @@ from typing import Literal
 
 import zenoh
 
-from service.addresses import DEFAULT_ENDPOINT
 from service.errors import SessionError
-from service.sockets import holder
+from service.wire.addresses import DEFAULT_ENDPOINT
+from service.wire.sockets import holder
 
 _SETTINGS = {
     "scouting/multicast/enabled": "false",

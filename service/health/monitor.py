@@ -2,13 +2,13 @@
 
 import time
 
-from service.capture import CaptureCounts
-from service.outlets import Outlets
-from service.rig import Rig
-from service.status import Drops, Meter, Rates, State, Status, Totals
-from service.systemd import WATCHDOG, notify
+from service.capture.loop import CaptureCounts
+from service.capture.rig import Rig
+from service.fusion.worker import FusionWorker
+from service.health.status import Drops, Meter, Rates, State, Status, Totals
+from service.health.systemd import WATCHDOG, notify
+from service.output.outlets import Outlets
 from service.versions import software_version
-from service.worker import FusionWorker
 
 
 class Monitor:

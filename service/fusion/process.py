@@ -7,11 +7,11 @@ from multiprocessing.connection import Connection
 from threading import Lock
 from typing import Any
 
-from service.burst import Burst
+from service.capture.burst import Burst
 from service.config import FusionSection
 from service.errors import WorkerError
-from service.fusion import FusedBurst
-from service.worker_process import Failure, Ready, serve
+from service.fusion.fusion import FusedBurst
+from service.fusion.serving import Failure, Ready, serve
 
 _START_TIMEOUT = 120.0
 """Seconds to import and to compile the kernels: a few, a minute where nothing is cached on a slow machine."""

@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 
 from drivers.messages import Message
 from service.config import Configuration
-from service.directory import made_directory
-from service.fusion import FusedBurst
-from service.messages import points_message
-from service.previews import Previews
-from service.publisher import Publisher
-from service.recorder import Recorder
-from service.recording_file import Head
-from service.session import open_session
-from service.shelf import Shelf, SingleFile
+from service.fusion.fusion import FusedBurst
+from service.output.directory import made_directory
+from service.output.previews import Previews
+from service.output.recorder import Recorder
+from service.output.recording_file import Head
+from service.output.shelf import Shelf, SingleFile
 from service.topics import FUSED_POINTS
+from service.wire.messages import points_message
+from service.wire.publisher import Publisher
+from service.wire.session import open_session
 
 FUSED_FILE = "fused.mcap"
 

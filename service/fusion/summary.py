@@ -2,9 +2,9 @@
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from service.fusion import FusedBurst
-from service.quality import Quality
-from service.report import BurstReport
+from service.fusion.fusion import FusedBurst
+from service.fusion.quality import Quality
+from service.fusion.report import BurstReport
 
 
 class _Part(BaseModel):

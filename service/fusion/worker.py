@@ -7,12 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from threading import Condition, Thread
 
-from service.burst import Burst
+from service.capture.burst import Burst
 from service.config import FusionSection
 from service.errors import WorkerError
-from service.fusion import FusedBurst
-from service.fusion_process import FusionProcess
-from service.worker_process import Failure
+from service.fusion.fusion import FusedBurst
+from service.fusion.process import FusionProcess
+from service.fusion.serving import Failure
 
 _STARTS = 3
 """Starts in a row that may fail before the worker is given up."""

@@ -1,0 +1,1 @@
+"""Devices, plans and the bursts of frames they give."""

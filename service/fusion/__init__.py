@@ -1,0 +1,1 @@
+"""Bursts to maps, in a process of its own."""

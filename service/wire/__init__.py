@@ -1,0 +1,1 @@
+"""Messages on Zenoh: the session, what is sent and what is received."""
