@@ -10,17 +10,24 @@ _ENOUGH = 20_000  # values for a median or a percentile to a per cent
 _FRAMES = 5  # enough samples for a median to a per cent, at a bounded cost
 
 
-def estimate(distance: NDArray[np.float32], amplitude: NDArray[np.float32] | None) -> float:
+def estimate(
+    distance: NDArray[np.float32],
+    amplitude: NDArray[np.float32] | None,
+    ambiguity_range: float | None = None,
+) -> float:
     """c of σ = c / amplitude, or σ itself without amplitude: from mixed second differences within the frames.
 
     The mask [1 −2 1; −2 4 −2; 1 −2 1] (Immerkær, "Fast noise variance estimation", CVIU 1996) cancels planes
     and edges along rows or columns; the median ignores what is left of the others. 0 where the frames are
-    noise-free or too small to tell.
+    noise-free or too small to tell. Whole ambiguity ranges in a difference are wraps.
     """
     if min(distance.shape[1:]) < 3:
         return 0.0
     picked = np.linspace(0, len(distance) - 1, min(len(distance), _FRAMES)).astype(int)
-    mixed = np.abs(_masked(distance[picked], np.array([1.0, -2.0, 1.0])))
+    mixed = _masked(distance[picked], np.array([1.0, -2.0, 1.0]))
+    if ambiguity_range is not None:
+        mixed -= np.float32(ambiguity_range) * np.round(mixed / np.float32(ambiguity_range))
+    mixed = np.abs(mixed)
     if amplitude is None:
         ratio = mixed / 6
     else:
@@ -44,7 +51,7 @@ def deviations(
     """(N, H, W): one standard deviation of each sample; infinite at amplitude 0."""
     if amplitude is None:
         return np.full(distance.shape, noise, np.float32)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(amplitude > 0, np.float32(noise) / amplitude, np.float32(np.inf))
 
 

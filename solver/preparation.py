@@ -32,7 +32,7 @@ def prepare(
     if lost.any():
         distance = np.where(lost, np.float32(np.nan), distance)
     if noise is None:
-        noise = noise_law.estimate(distance, amplitude)
+        noise = noise_law.estimate(distance, amplitude, ambiguity_range)
     sigma = noise_law.deviations(distance, amplitude, noise)
     if amplitude is not None:
         distance = _lit(distance, amplitude, noise, ambiguity_range, options)

@@ -193,7 +193,7 @@ class SlidingFusion:
             )
         noise = self._noise
         if noise is None:
-            noise = noise_law.estimate(frame[None], None if light is None else light[None])
+            noise = noise_law.estimate(frame[None], None if light is None else light[None], self._range)
         self._window.append(_Entry(self._pushed, frame, light, pose, positions, noise))
         self._pushed += 1
         return notes
