@@ -57,3 +57,20 @@ def least(slope, weight, mean, low, high):  # type: ignore[no-untyped-def]
             best = min(max(free, low), high)
             sums[i] += w * (best - m) ** 2 + z * best
     return sums.sum()
+
+
+@njit(cache=True)
+def extremes(distance, kept, positions, low, high):  # type: ignore[no-untyped-def]
+    """Least and largest kept sample (N, H, W) over each low-resolution pixel, into low and high (H, W)."""
+    frames, rows, columns = distance.shape
+    for k in range(frames):
+        for i in range(rows):
+            for j in range(columns):
+                if not kept[k, i, j]:
+                    continue
+                u = np.floor(float(positions[k, i, j, 0]) + 0.5)
+                v = np.floor(float(positions[k, i, j, 1]) + 0.5)
+                if 0 <= u < rows and 0 <= v < columns:
+                    value = distance[k, i, j]
+                    low[int(u), int(v)] = min(low[int(u), int(v)], value)
+                    high[int(u), int(v)] = max(high[int(u), int(v)], value)

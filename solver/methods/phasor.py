@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from solver.errors import FusionInputError
 from solver.fill import smoothed
 from solver.footprint import AreaTerm
+from solver.plausibility import plausible
 from solver.primal_dual import State, start, warm
 from solver.prior import Prior
 from solver.problem import Problem, Solution
@@ -31,7 +32,7 @@ _PASSES, _GAIN, _EPSILON = 2, 2.5, 0.07
 """Reweighting; ε in units of the median amplitude."""
 
 _LOST = 4.0
-"""|Z| under this many deviations of the mean of N samples has lost its angle."""
+"""|Z| under this many deviations of one sample has lost its angle."""
 
 
 def solve(problem: Problem, *, initial: Solution | None = None, progress: Progress | None = None) -> Solution:
@@ -73,7 +74,8 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     real, imaginary = outcome.state.x[:, inner, inner] * np.float32(strength)
     distance = np.mod(np.arctan2(imaginary, real), np.float32(2 * np.pi)) / np.float32(turn)
     amplitude = np.hypot(real, imaginary)
-    lost = amplitude < _LOST * sigma / np.sqrt(len(values[0]))
+    lost = amplitude < _LOST * sigma
+    lost |= ~plausible(problem, distance, problem.noise / usual, problem.ambiguity_range)
     return Solution(
         np.where(lost, np.float32(np.nan), distance.astype(np.float32)),
         amplitude * np.float32(usual),
