@@ -49,9 +49,10 @@ def load_truth(path: Path | None) -> Truth:
 
 def _npy(path: Path) -> Truth:
     try:
-        return Truth(path.name, DepthMap(np.load(path, allow_pickle=False)))
+        image = np.asarray(np.load(path, allow_pickle=False), np.float64)
     except (ValueError, EOFError, OSError) as error:
         raise TruthError(f"{path} is not a NumPy array of numbers: {error}") from error
+    return Truth(path.name, DepthMap(image))
 
 
 def _npz(path: Path) -> Truth:
@@ -62,8 +63,8 @@ def _npz(path: Path) -> Truth:
                 raise TruthError(
                     f"{path} holds {', '.join(arrays) or 'nothing'}; expected one of {', '.join(KEYS)}"
                 )
-            plain = np.asarray(arrays[name])
-            fine = np.asarray(arrays["fine"]) if "fine" in arrays else plain
+            plain = np.asarray(arrays[name], np.float64)
+            fine = np.asarray(arrays["fine"], np.float64) if "fine" in arrays else plain
     except (ValueError, EOFError, OSError, BadZipFile) as error:
         raise TruthError(f"{path} is not a NumPy archive of numbers: {error}") from error
     factor, rest = divmod(fine.shape[0], plain.shape[0])

@@ -46,7 +46,7 @@ class Reference:
         return (
             f"CVXPY with {self.solver}, {self.patches} × ({self.side} × {self.side}): "
             f"{self.seconds_per_patch:.3f} s each, {self.inside_solver:.3f} s of it inside the solver; "
-            f"lidarboost on the same pixels at once {1e3 * self.ours:.1f} ms: {self.ratio:,.0f} times as fast, "
+            f"lidarboost on the same pixels {1e3 * self.ours:.1f} ms: {self.ratio:,.0f} times as fast, "
             f"{inside:,.0f} times the solver alone"
         )
 
