@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.kernels import prior as kernels
+from solver.options import NEIGHBOURHOOD
 
 
 def slope(dual: NDArray[np.floating], weights: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -28,27 +29,46 @@ def shrinkage(
     radius: NDArray[np.floating],
     weights: NDArray[np.floating],
     excess: NDArray[np.floating],
-) -> float:
+    tilt: NDArray[np.floating],
+) -> tuple[float, float]:
     """The largest factor up to 1 that brings the duals into their balls once ∇ᵀ dual has lost `excess`.
+
+    Also ⟨duals, −slope⟩ before that factor: what a prior of ‖∇X − slope‖ adds to the bound.
 
     Args:
         dual: (C, 6, rows + 4, columns + 4), every group in its ball.
         radius: (rows + 4, columns + 4), of the balls.
         weights: (6,), the first two (the unit differences) not 0.
         excess: (C, rows, columns), of sum 0 in each channel.
+        tilt: (C, 2, rows + 4, columns + 4), the slope, or (C, 2, 0, 0).
     """
     inner = dual[:, :, 2:-2, 2:-2]
-    square = np.zeros(excess.shape[1:])
+    square, lift = np.zeros(excess.shape[1:]), 0.0
     for channel, variables in enumerate(inner):
         potential = _poisson(excess[channel], float(weights[1]) ** 2, float(weights[0]) ** 2)
         across, along = variables[0].copy(), variables[1].copy()
         across[:, :-1] -= weights[0] * (potential[:, :-1] - potential[:, 1:])
         along[:-1] -= weights[1] * (potential[:-1] - potential[1:])
         square += across**2 + along**2
+        if tilt.size:
+            moved = np.stack([across, along, *variables[2:]])
+            lift += _foretold(moved, weights, tilt[channel, :, 2:-2, 2:-2])
         for other in variables[2:]:
             square += other**2
     square /= radius[2:-2, 2:-2].astype(np.float64) ** 2
-    return float(1 / np.sqrt(max(1.0, float(square.max()))))
+    return float(1 / np.sqrt(max(1.0, float(square.max())))), lift
+
+
+def _foretold(dual: NDArray[np.floating], weights: NDArray[np.floating], tilt: NDArray[np.floating]) -> float:
+    """Σ over differences inside the image of dual · weight · (what the slope foretells), one channel."""
+    rows, columns = tilt.shape[1:]
+    inside = kernels.tables(weights.astype(np.float64), columns, 1.0)
+    total = 0.0
+    for k, (down, right) in enumerate(NEIGHBOURHOOD):
+        table = np.broadcast_to(inside[0, k], (rows, columns)).copy()
+        table[max(0, rows - 2) :] = inside[1:, k][-min(rows, 2) :]
+        total += float((dual[k] * table * (down * tilt[0] + right * tilt[1])).sum(dtype=np.float64))
+    return total
 
 
 def _poisson(source: NDArray[np.floating], down: float, right: float) -> NDArray[np.floating]:

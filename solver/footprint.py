@@ -133,10 +133,10 @@ class AreaTerm:
         _, step = self.pull(moved, 1.0)
         excess = slope(state.dual, prior.weights) - step[:, *inner]
         excess -= excess.mean(axis=(1, 2), keepdims=True)
-        most = shrinkage(state.dual, state.radius, prior.weights, excess)
+        most, lift = shrinkage(state.dual, state.radius, prior.weights, excess, state.slope)
         # r = 2 Ω (y − A X) has Σ r y = Σ Ω (y − A X)² + Σ Ω (y² − (A X)²), Σ r² / (4 Ω) = Σ Ω (y − A X)².
         square = float(sums[:, 3].sum())
-        linear = square + float(sums[:, 4].sum())
+        linear = square + float(sums[:, 4].sum()) + lift
         best = min(most, linear / (2 * square)) if square > 0 else most
         return best * linear - best**2 * square
 

@@ -1,10 +1,10 @@
 """The iteration: a primal–dual algorithm with over-relaxation, its stopping rule and its certificate.
 
-It minimises term(X) + Σ ‖∇X‖₂ (λ = 1: maps are in units of λ), the prior through its dual variables, the term
-through its proximal map or its gradient. Sources: Chambolle, Pock, "A first-order primal-dual algorithm for
-convex problems with applications to imaging", JMIV 2011, algorithm 1; Condat, "A primal-dual splitting method
-for convex optimization involving Lipschitzian, proximable and linear composite terms", JOTA 2013, algorithm
-3.1.
+It minimises term(X) + Σ r ‖∇X − s‖₂ (maps are in units of λ; r = 1 and s = 0 but in reweighted passes), the
+prior through its dual variables, the term through its proximal map or its gradient. Sources: Chambolle, Pock,
+"A first-order primal-dual algorithm for convex problems with applications to imaging", JMIV 2011, algorithm 1;
+Condat, "A primal-dual splitting method for convex optimization involving Lipschitzian, proximable and linear
+composite terms", JOTA 2013, algorithm 3.1.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.kernels import prior as kernels
-from solver.prior import Prior
+from solver.prior import Prior, level
 from solver.result import Progress
 
 _CHECK = 10
@@ -30,6 +30,8 @@ class State:
     dual: NDArray[np.floating]
     radius: NDArray[np.floating]
     """λ by pixel, in units of λ: 1 everywhere unless the prior is weighted."""
+    slope: NDArray[np.floating]
+    """(C, 2, rows + 4, columns + 4), what `solver.slope` foretells, or (C, 2, 0, 0) = level."""
 
 
 class Term(Protocol):
@@ -76,7 +78,7 @@ class Outcome:
 def start(initial: NDArray[np.floating]) -> State:
     """A state at the map (C, rows, columns)."""
     x = np.ascontiguousarray(np.pad(initial, [(0, 0), (kernels.PAD,) * 2, (kernels.PAD,) * 2]))
-    return State(x, x.copy(), np.zeros((len(x), 6, *x.shape[1:]), x.dtype), np.ones_like(x[0]))
+    return State(x, x.copy(), np.zeros((len(x), 6, *x.shape[1:]), x.dtype), np.ones_like(x[0]), level(x))
 
 
 def warm(state: State, dual: NDArray[np.floating] | None) -> None:
@@ -102,15 +104,15 @@ def minimise(
     It stops where the error of the objective, estimated from its fall, is below `tolerance` of it; `scale`
     turns the objective into the caller's unit for `progress`. The gap is NaN unless `certify`.
     """
-    roughness = prior.value(state.x, np.ones_like(state.radius))
+    roughness = prior.value(state.x, np.ones_like(state.radius), state.slope)
     pixels = (state.x.shape[1] - 2 * kernels.PAD) * (state.x.shape[2] - 2 * kernels.PAD)
     tau, sigma, rho = term.steps(prior.norm, roughness / pixels)
     kind = state.x.dtype.type
     up = kernels.tables(prior.weights.astype(kind), state.x.shape[2] - 4, sigma)
     down = prior.weights.astype(kind) * kind(tau)
-    weighted = bool((state.radius != 1).any())
+    weighted = bool((state.radius != 1).any()) or state.slope.size > 0
     done, settled = 0, False
-    history = [(0, term.value(state.x) + prior.value(state.x, state.radius))]
+    history = [(0, term.value(state.x) + prior.value(state.x, state.radius, state.slope))]
     while done < limit and not settled:
         count = min(_CHECK, limit - done)
         for _ in range(1 if term.fixed else count):
@@ -122,6 +124,7 @@ def minimise(
                 state.dual,
                 weighted,
                 state.radius,
+                state.slope,
                 shrink,
                 pull,
                 up,
@@ -129,7 +132,7 @@ def minimise(
                 kind(rho),
             )
         done += count
-        value = term.value(state.x) + prior.value(state.x, state.radius)
+        value = term.value(state.x) + prior.value(state.x, state.radius, state.slope)
         history.append((done, value))
         settled = _error(history) <= tolerance * value
         if progress is not None:

@@ -32,16 +32,25 @@ class Prior:
         """An upper bound of ‖∇‖: a difference of weight w adds at most 4 w² to ‖∇‖²."""
         return float(2.0 * np.sqrt((self.weights.astype(np.float64) ** 2).sum()))
 
-    def value(self, x: NDArray[np.floating], radius: NDArray[np.floating]) -> float:
-        """Σ radius ‖∇x‖₂ of a padded map (C, rows + 4, columns + 4)."""
-        return float(kernels.total(x, radius, self._tables(x)))
+    def value(
+        self, x: NDArray[np.floating], radius: NDArray[np.floating], slope: NDArray[np.floating] | None = None
+    ) -> float:
+        """Σ radius ‖∇x − slope‖₂ of a padded map (C, rows + 4, columns + 4); slope as in `solver.slope`."""
+        return float(kernels.total(x, radius, level(x) if slope is None else slope, self._tables(x)))
 
-    def norms(self, x: NDArray[np.floating]) -> NDArray[np.floating]:
-        """(rows + 4, columns + 4): ‖∇x‖₂ by pixel of a padded map."""
+    def norms(
+        self, x: NDArray[np.floating], slope: NDArray[np.floating] | None = None
+    ) -> NDArray[np.floating]:
+        """(rows + 4, columns + 4): ‖∇x − slope‖₂ by pixel of a padded map."""
         out: NDArray[np.floating] = np.zeros(x.shape[1:], x.dtype)
-        kernels.norms(x, self._tables(x), out)
+        kernels.norms(x, level(x) if slope is None else slope, self._tables(x), out)
         return out
 
     def _tables(self, x: NDArray[np.floating]) -> NDArray[np.floating]:
         weights = self.weights.astype(x.dtype)
         return kernels.tables(weights, x.shape[2] - 4, 1.0)
+
+
+def level(x: NDArray[np.floating]) -> NDArray[np.floating]:
+    """No slope for the map x (C, rows, columns), as the kernels take it."""
+    return np.zeros((len(x), 2, 0, 0), x.dtype)

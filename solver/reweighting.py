@@ -1,7 +1,8 @@
-"""Reweighted passes: the prior is weakened where the map of the pass before has an edge.
+"""Reweighted passes: the prior learns edges and slopes from the map of the pass before.
 
-λ is replaced by gain · λ / (1 + ‖∇X‖ / ε) pixel by pixel, which approaches a sum of log(1 + ‖∇X‖ / ε): flat
-parts are smoothed more, edges keep their height. Source: Candès, Wakin, Boyd, "Enhancing sparsity by
+λ ‖∇X‖ is replaced by gain · λ ‖∇X − s‖ / (1 + ‖∇X − s‖ / ε) pixel by pixel, s the slope (see `solver.slope`).
+The weight approaches a sum of log(1 + ‖∇X − s‖ / ε): smooth parts are smoothed more, edges keep their height;
+the slope keeps ramps from becoming stairs. Source: Candès, Wakin, Boyd, "Enhancing sparsity by
 reweighted ℓ1 minimization", J. Fourier Anal. Appl. 2008. Each pass is convex, the whole is not: objective,
 gap and stopping rule are those of the last pass.
 """
@@ -11,6 +12,7 @@ from dataclasses import dataclass, replace
 from solver.primal_dual import Outcome, State, Term, minimise
 from solver.prior import Prior
 from solver.result import Progress
+from solver.slope import slope
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,13 +22,15 @@ class Reweighting:
     Attributes:
         passes: passes after the first one, which is not weighted.
         gain: factor on λ where the map is flat.
-        epsilon: ‖∇X‖ at which λ is halved, in units of λ.
+        epsilon: ‖∇X − s‖ at which λ is halved, in units of λ.
+        edge: ‖∇X‖ from which a pixel has no say in the slope, in units of λ.
         tolerance: of all passes but the last, which only have to find the edges.
     """
 
     passes: int
     gain: float
     epsilon: float
+    edge: float
     tolerance: float = 1e-2
 
 
@@ -57,5 +61,6 @@ def minimise_reweighted(
         )
         done += outcome.iterations
         if not last:
-            state.radius[...] = plan.gain / (1 + prior.norms(state.x) / plan.epsilon)
+            state.slope = slope(state.x, plan.edge)
+            state.radius[...] = plan.gain / (1 + prior.norms(state.x, state.slope) / plan.epsilon)
     return replace(outcome, iterations=done)

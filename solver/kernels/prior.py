@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 PAD = 2
 """The widest difference spans two pixels."""
 
+_ROWS, _COLUMNS = (0, 1, 1, 1, 0, 2), (1, 0, 1, -1, 2, 0)
+"""The differences' offsets."""
+
 _TILE_ROWS = 36
 """Rows walked together: two tiles of 704 columns, eight arrays each, fit the cache of one core."""
 
@@ -92,6 +95,21 @@ def _scale(i, over, dual, up, factor, rho):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=True)
+def _tilt(i, dual, up, slope, amount):  # type: ignore[no-untyped-def]
+    """dual ← dual + amount · σ · (the differences that the slope foretells), row i, one channel.
+
+    A loop by difference: all six arrays at once would be more than the compiler proves free of overlap.
+    """
+    n = slope.shape[2] - 4
+    down, right = slope[0, i, 2 : 2 + n], slope[1, i, 2 : 2 + n]
+    for k in range(6):
+        rows, columns = amount * _ROWS[k], amount * _COLUMNS[k]
+        p, w = dual[k, i, 2 : 2 + n], up[k]
+        for j in range(n):
+            p[j] += w[j] * (rows * down[j] + columns * right[j])
+
+
+@njit(fastmath=True)
 def _descend(i, x, over, dual, down, shrink, pull, rho):  # type: ignore[no-untyped-def]
     """x̂ = (x − τ ∇ᵀdual) · shrink + pull; over ← 2 x̂ − x; x ← x + ρ (x̂ − x), row i, one channel."""
     n = over.shape[1] - 4
@@ -114,11 +132,13 @@ def _descend(i, x, over, dual, down, shrink, pull, rho):  # type: ignore[no-unty
 
 @njit(fastmath=True)
 def _sweep(  # type: ignore[no-untyped-def]
-    ascend, descend, x, over, dual, weighted, radius, shrink, pull, up, down, rho
+    ascend, descend, x, over, dual, weighted, radius, slope, shrink, pull, up, down, rho
 ):
     """One iteration over some rows: a row of the map moves once all groups that see it have moved."""
     channels, rows = x.shape[0], x.shape[1] - 4
     factor = np.empty(x.shape[2] - 4, x.dtype)
+    one = x.dtype.type(1)
+    tilted = slope.shape[2] > 0
     for row in range(min(ascend[0], descend[0]), max(ascend[1], descend[1])):
         i = row + PAD
         if ascend[0] <= row < ascend[1]:
@@ -128,12 +148,16 @@ def _sweep(  # type: ignore[no-untyped-def]
             else:
                 factor[:] = 0
                 for c in range(channels):
+                    if tilted:
+                        _tilt(i, dual[c], weights, slope[c], one)
                     _squares(i, over[c], dual[c], weights, factor)
                 reach = radius[i, 2 : 2 + factor.size]
                 for j in range(factor.size):
                     factor[j] = rho * reach[j] / np.sqrt(max(reach[j] * reach[j], factor[j]))
                 for c in range(channels):
                     _scale(i, over[c], dual[c], weights, factor, rho)
+                    if tilted:  # _scale kept 1 − ρ of the tilt too
+                        _tilt(i, dual[c], weights, slope[c], rho - one)
         if descend[0] <= row < descend[1]:
             for c in range(channels):
                 _descend(i, x[c], over[c], dual[c], down, shrink, pull[c], rho)
@@ -141,7 +165,7 @@ def _sweep(  # type: ignore[no-untyped-def]
 
 @njit(parallel=True, fastmath=True, cache=True)
 def iterate(  # type: ignore[no-untyped-def]
-    iterations, x, over, dual, weighted, radius, shrink, pull, up, down, rho
+    iterations, x, over, dual, weighted, radius, slope, shrink, pull, up, down, rho
 ):
     """Run iterations in place: tiles of rows side by side, then the two rows either side of each seam.
 
@@ -150,6 +174,8 @@ def iterate(  # type: ignore[no-untyped-def]
         x, over: (C, rows, columns), padded; the map and its extrapolation.
         dual: (C, 6, rows, columns), padded.
         weighted: whether the groups' balls have other radii than 1; radius: (rows, columns), padded.
+        slope: (C, 2, rows, columns), padded: the fall per row and per column that costs nothing, or
+            (C, 2, 0, 0) = level; a slope counts as weighted.
         shrink: (rows, columns), padded; pull: (C, rows, columns), padded: the data term's step.
         up: (3, 6, columns) and down: (6,), the differences' weights times the dual and the primal step.
         rho: over-relaxation, from 1 up to below 2.
@@ -167,35 +193,40 @@ def iterate(  # type: ignore[no-untyped-def]
                 else:
                     ascend = (end - PAD, end)
                     descend = (end - PAD, end + PAD)
-                _sweep(ascend, descend, x, over, dual, weighted, radius, shrink, pull, up, down, rho)
+                _sweep(ascend, descend, x, over, dual, weighted, radius, slope, shrink, pull, up, down, rho)
 
 
 @njit(fastmath=True)
-def _gradient_squares(row, x, up, square):  # type: ignore[no-untyped-def]
-    """Add ‖∇x‖² of a row, all channels."""
+def _gradient_squares(row, x, up, slope, square):  # type: ignore[no-untyped-def]
+    """Add ‖∇x − what the slope foretells‖² of a row, all channels."""
     channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
     weights = up[max(0, row + 3 - rows)]
     w0, w1, w2, w3, w4, w5 = weights[0], weights[1, 0], weights[2], weights[3], weights[4], weights[5, 0]
+    level = np.zeros(n, x.dtype)
     for c in range(channels):
+        falls, runs = level, level
+        if slope.shape[2] > 0:
+            falls, runs = slope[c, 0, row + 2, 2 : 2 + n], slope[c, 1, row + 2, 2 : 2 + n]
         a, b, d = x[c, row + 2], x[c, row + 3], x[c, row + 4]
         here, right, right2 = a[2 : 2 + n], a[3 : 3 + n], a[4 : 4 + n]
         down, diagonal, antidiagonal, down2 = b[2 : 2 + n], b[3 : 3 + n], b[1 : 1 + n], d[2 : 2 + n]
         for j in range(n):
-            v = here[j]
-            g0, g1, g2 = w0[j] * (v - right[j]), w1 * (v - down[j]), w2[j] * (v - diagonal[j])
-            g3, g4, g5 = w3[j] * (v - antidiagonal[j]), w4[j] * (v - right2[j]), w5 * (v - down2[j])
+            v, s, r = here[j], falls[j], runs[j]
+            g0, g1 = w0[j] * (v - right[j] + r), w1 * (v - down[j] + s)
+            g2, g3 = w2[j] * (v - diagonal[j] + s + r), w3[j] * (v - antidiagonal[j] + s - r)
+            g4, g5 = w4[j] * (v - right2[j] + r + r), w5 * (v - down2[j] + s + s)
             square[j] += g0 * g0 + g1 * g1 + g2 * g2 + g3 * g3 + g4 * g4 + g5 * g5
 
 
 @njit(parallel=True, fastmath=True, cache=True)
-def total(x, radius, up):  # type: ignore[no-untyped-def]
-    """Σ radius ‖∇x‖₂ over pixels, all channels in one group; `up` made for a dual step of 1."""
+def total(x, radius, slope, up):  # type: ignore[no-untyped-def]
+    """Σ radius ‖∇x − slope‖₂ over pixels, all channels in one group; `up` made for a dual step of 1."""
     rows = x.shape[1] - 4
     sums = np.zeros(rows)
     for row in prange(rows):
         n = x.shape[2] - 4
         square = np.zeros(n, x.dtype)
-        _gradient_squares(row, x, up, square)
+        _gradient_squares(row, x, up, slope, square)
         value, reach = 0.0, radius[row + 2, 2 : 2 + n]
         for j in range(n):
             value += reach[j] * np.sqrt(square[j])
@@ -204,13 +235,13 @@ def total(x, radius, up):  # type: ignore[no-untyped-def]
 
 
 @njit(parallel=True, fastmath=True, cache=True)
-def norms(x, up, out):  # type: ignore[no-untyped-def]
-    """out (rows + 4, columns + 4) ← ‖∇x‖₂ by pixel; `up` made for a dual step of 1."""
+def norms(x, slope, up, out):  # type: ignore[no-untyped-def]
+    """out (rows + 4, columns + 4) ← ‖∇x − slope‖₂ by pixel; `up` made for a dual step of 1."""
     rows = x.shape[1] - 4
     for row in prange(rows):
         n = x.shape[2] - 4
         square = np.zeros(n, x.dtype)
-        _gradient_squares(row, x, up, square)
+        _gradient_squares(row, x, up, slope, square)
         target = out[row + 2, 2 : 2 + n]
         for j in range(n):
             target[j] = np.sqrt(square[j])

@@ -4,8 +4,8 @@
 
 Z is complex, one group norm over real and imaginary parts and all offsets; distance = angle(Z),
 amplitude = |Z|. A pixel at a depth edge averages the two phasors, not the two distances, and the noise is
-nearly uniform in the complex plane, so dark samples need no weights. The prior is reweighted twice (see
-`solver.reweighting`).
+nearly uniform in the complex plane, so dark samples need no weights. A second pass knows edges and slopes
+(see `solver.reweighting`).
 """
 
 import numpy as np
@@ -28,8 +28,8 @@ _AUTO = 0.8
 _LEAST = 1e-3
 """λ of noise-free frames, in units of the median amplitude."""
 
-_PASSES, _GAIN, _EPSILON = 2, 2.5, 0.07
-"""Reweighting; ε in units of the median amplitude."""
+_PASSES, _GAIN, _EPSILON, _EDGE = 1, 2.5, 0.15, 0.07
+"""Reweighting; ε and edge in units of the median amplitude."""
 
 _LOST = 4.0
 """|Z| under this many deviations of one sample has lost its angle."""
@@ -64,7 +64,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         term,
         Prior(problem.options.neighbourhood),
         state,
-        Reweighting(_PASSES, _GAIN, _EPSILON / strength),
+        Reweighting(_PASSES, _GAIN, _EPSILON / strength, _EDGE / strength),
         tolerance=problem.options.tolerance,
         limit=problem.options.max_iterations,
         scale=(strength * usual) ** 2,

@@ -1,0 +1,41 @@
+"""Where a map is heading: the slope that the prior lets pass.
+
+A first-order prior charges a ramp as much as the step that climbs as high, so ramps become stairs.
+Subtracting the slope of the surroundings makes ramps free: total generalised variation (Bredies, Kunisch,
+Pock, "Total generalized variation", SIAM J. Imaging Sci. 2010) with its vector field fixed within a pass.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+_REACH = 5.0
+"""Deviation of the Gaussian that averages slopes, fused pixels: over one low-resolution pixel at ×4."""
+
+
+def slope(x: NDArray[np.floating], edge: float) -> NDArray[np.floating]:
+    """The rise per row and per column of a padded map, averaged over its surroundings.
+
+    Args:
+        x: (C, rows + 4, columns + 4), padded.
+        edge: gradient from which a pixel is an edge, which has no slope; such pixels take their neighbours'.
+
+    Returns:
+        (C, 2, rows + 4, columns + 4), zero in the padding.
+    """
+    inner = x[:, 2:-2, 2:-2]
+    rises = np.zeros((len(x), 2, *inner.shape[1:]), x.dtype)
+    rises[:, 0, :-1] = np.diff(inner, axis=1)
+    rises[:, 1, :, :-1] = np.diff(inner, axis=2)
+    square = (rises**2).sum(axis=(0, 1)) / x.dtype.type(edge) ** 2
+    say = 1 / (1 + square) ** 2
+    total = _average(say) + np.finfo(np.float32).tiny
+    out = np.zeros((len(x), 2, *x.shape[1:]), x.dtype)
+    for channel, pair in enumerate(rises):
+        for axis, rise in enumerate(pair):
+            out[channel, axis, 2:-2, 2:-2] = _average(say * rise) / total
+    return out
+
+
+def _average(image: NDArray[np.floating]) -> NDArray[np.floating]:
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), _REACH))

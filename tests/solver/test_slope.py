@@ -1,0 +1,45 @@
+"""The slope that the prior lets pass, and what it does to ramps."""
+
+import numpy as np
+import pytest
+
+from solver.kernels.prior import PAD
+from solver.prior import Prior, level
+from solver.slope import slope
+
+
+def padded(image: np.ndarray) -> np.ndarray:
+    return np.pad(image.astype(np.float32), [(0, 0), (PAD, PAD), (PAD, PAD)])
+
+
+def ramp(rows: int = 40, columns: int = 60) -> np.ndarray:
+    i, j = np.mgrid[:rows, :columns]
+    return np.stack([0.5 * i - 0.2 * j, 0.1 * i + 0.3 * j])
+
+
+def test_the_slope_of_a_ramp_is_its_rise_by_row_and_by_column() -> None:
+    found = slope(padded(ramp()), edge=100.0)[:, :, 12:-12, 12:-12]
+    assert found == pytest.approx(
+        np.broadcast_to([[[[0.5]], [[-0.2]]], [[[0.1]], [[0.3]]]], found.shape), abs=1e-3
+    )
+
+
+def test_a_ramp_costs_nothing_where_its_slope_is_known() -> None:
+    x = padded(ramp())
+    exact = np.zeros((2, 2, *x.shape[1:]), np.float32)
+    exact[:, :, PAD:-PAD, PAD:-PAD] = np.array([[0.5, -0.2], [0.1, 0.3]])[..., None, None]
+    one = np.ones_like(x[0])
+    assert Prior().value(x, one) > 1000
+    assert Prior().value(x, one, exact) == pytest.approx(0, abs=0.1)
+    assert Prior().norms(x, exact).max() < 1e-4
+
+
+def test_level_is_no_slope() -> None:
+    x = padded(np.random.default_rng(1).normal(size=(2, 9, 11)))
+    assert Prior().value(x, np.ones_like(x[0]), level(x)) == Prior().value(x, np.ones_like(x[0]))
+
+
+def test_an_edge_has_no_say() -> None:
+    step = np.zeros((1, 40, 60))
+    step[:, :, 30:] = 50.0
+    assert np.abs(slope(padded(step), edge=1.0)).max() < 0.01
