@@ -27,6 +27,7 @@ def slope(x: NDArray[np.floating], edge: float) -> NDArray[np.floating]:
     rises = np.zeros((len(x), 2, *inner.shape[1:]), x.dtype)
     rises[:, 0, :-1] = np.diff(inner, axis=1)
     rises[:, 1, :, :-1] = np.diff(inner, axis=2)
+    rises[:, 0, -1:], rises[:, 1, :, -1:] = rises[:, 0, -2:-1], rises[:, 1, :, -2:-1]
     square = (rises**2).sum(axis=(0, 1)) / x.dtype.type(edge) ** 2
     say = 1 / (1 + square) ** 2
     total = _average(say) + np.finfo(np.float32).tiny

@@ -5,7 +5,7 @@
 Z is complex, one group norm over real and imaginary parts and all offsets; distance = angle(Z),
 amplitude = |Z|. A pixel at a depth edge averages the two phasors, not the two distances, and the noise is
 nearly uniform in the complex plane, so dark samples need no weights. A second pass knows edges and slopes
-(see `solver.reweighting`).
+(see `solver.reweighting`); at the end each fused pixel is given to one surface (see `solver.unmixing`).
 """
 
 import numpy as np
@@ -21,6 +21,7 @@ from solver.problem import Problem, Solution
 from solver.result import Progress
 from solver.reweighting import Reweighting, minimise_reweighted
 from solver.sampling import sample
+from solver.unmixing import unmix
 
 _AUTO = 0.8
 """λ in units of one sample's deviation, both in units of the median amplitude."""
@@ -71,7 +72,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         progress=progress,
     )
     inner = slice(2 + term.margin, -2 - term.margin)
-    real, imaginary = outcome.state.x[:, inner, inner] * np.float32(strength)
+    real, imaginary = unmix(outcome.state.x[:, inner, inner] * np.float32(strength))
     distance = np.mod(np.arctan2(imaginary, real), np.float32(2 * np.pi)) / np.float32(turn)
     amplitude = np.hypot(real, imaginary)
     lost = amplitude < _LOST * sigma
