@@ -36,7 +36,7 @@ def unmix(z: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _normals(z: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(2, rows, columns): unit vector (row, column) across the edge at each pixel, from the structure tensor."""
+    """(2, rows, columns): unit vector (row, column) across the edge at each pixel (structure tensor)."""
     down = [cv2.Sobel(channel, cv2.CV_32F, 0, 1) for channel in z]
     right = [cv2.Sobel(channel, cv2.CV_32F, 1, 0) for channel in z]
     products = (
