@@ -1,5 +1,5 @@
 """Where each frame looks, found from the frames themselves."""
 
-from solver.registration.alignment import Registration, register
+from solver.registration.registering import Registration, register
 
 __all__ = ["Registration", "register"]

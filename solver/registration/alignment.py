@@ -1,16 +1,19 @@
 """Hierarchical Lucas–Kanade, first against the reference, then all frames against their mosaic."""
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 
+import numba
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from solver.errors import FusionInputError, RegistrationError
+from solver.errors import RegistrationError
 from solver.geometry import rotations_to_shifts, shifts_to_rotations
 from solver.registration.gauss_newton import POSITION_ERROR, Equations, normal_equations, solve_steps
 from solver.registration.mosaic import Grid, Mosaic, build_mosaic, resampled, steep_samples
-from solver.registration.motion import Motion, Shift, Turn
-from solver.registration.samples import Samples, Source, make_samples, pyramid
+from solver.registration.motion import Motion, Turn
+from solver.registration.samples import Samples
 from solver.registration.start import search_shifts
 
 Float = NDArray[np.float64]
@@ -20,110 +23,24 @@ OVERLAP = 0.3  # share of a frame's pixels that the other frames must cover
 STEP = 0.006  # pixels; the next step would be a third of it
 COARSE_STEP = 0.2  # pixels; the finer level goes on
 ALIASED = 0.2  # pixels; position error of a mosaic of one frame, whose edges alias
+DENSITY = 1.83  # nodes per pixel; two is the Nyquist limit of the footprint's first zero, 1.6 blurs
+LITTLE = 50_000  # samples, about a millisecond of work
 SMOOTHING = 3.0  # λ; a tenth lets noise into the mosaic and biases high noise, ten times blurs it
-SWEEPS = 4  # of conjugate gradients per Gauss–Newton step; twelve change nothing
-DENSITY = (
-    2.118  # nodes per pixel: the footprint's first zero is at one cycle a pixel, the Nyquist limit of two
-)
-COARSE_STEP = 0.2  # pixels; the finer level goes on
-ALIASED = 0.2  # pixels; position error of a mosaic of one frame, whose edges alias
-DENSITY = (
-    2.118  # nodes per pixel: the footprint's first zero is at one cycle a pixel, the Nyquist limit of two
-)
+SWEEPS = 2  # of conjugate gradients per Gauss–Newton step; six times as many change nothing
 
 
-@dataclass(frozen=True, slots=True)
-class Registration:
-    """Where the frames look.
-
-    Attributes:
-        shifts: (N, 2) displacement (dy, dx) in low-resolution pixels of the reference, at the image centre.
-        rotations: (N, 3) rotation vectors in radians that take each frame's rays to the reference's, or None
-            where displacements were found.
-        uncertainty: (N, 2) one standard deviation of the displacement at the image centre, in pixels.
-        rejected: reason by frame number for the frames that do not fit; their shifts are no better than the
-            first guess.
-    """
-
-    shifts: Float
-    rotations: Float | None
-    uncertainty: Float
-    rejected: dict[int, str] = field(default_factory=dict)
+@contextmanager
+def worthwhile_threads(samples: int) -> Iterator[None]:
+    """One thread for little work: waking another takes longer, on a busy machine by far."""
+    before = numba.get_num_threads()
+    numba.set_num_threads(before if samples > LITTLE else 1)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(before)
 
 
-def register(
-    distance: ArrayLike,
-    amplitude: ArrayLike | None = None,
-    *,
-    intrinsics: ArrayLike | None = None,
-    distortion: ArrayLike | None = None,
-    initial: ArrayLike | None = None,
-    reference: int = 0,
-    ambiguity_range: float | None = None,
-    source: Source = "auto",
-) -> Registration:
-    """Find where each frame looks, relative to the frame `reference`.
-
-    A rotation per frame (three parameters) where the camera is calibrated, one displacement otherwise.
-
-    Args:
-        distance: (N, H, W), NaN = invalid.
-        amplitude: (N, H, W), linear in the received light; weights the samples.
-        intrinsics: 3 × 3, in low-resolution pixels.
-        distortion: OpenCV coefficients.
-        initial: (N, 2) displacements or, with intrinsics, (N, 3) rotation vectors: a first guess only.
-        reference: number of the frame at rest.
-
-    Raises:
-        FusionInputError: wrong shapes, or NaN in `initial`.
-        RegistrationError: the reference has hardly a valid pixel, or no other frame fits it.
-    """
-    images = np.asarray(distance, dtype=np.float32)
-    light = None if amplitude is None else np.asarray(amplitude, dtype=np.float32)
-    if images.ndim != 3 or (light is not None and light.shape != images.shape):
-        raise FusionInputError(f"distance has shape {images.shape}; expected (N, H, W), amplitude the same")
-    count, shape = len(images), (images.shape[1], images.shape[2])
-    if not 0 <= reference < count:
-        raise FusionInputError(f"reference is {reference}; expected a frame number from 0 to {count - 1}")
-    motion: Motion = Shift() if intrinsics is None else Turn.of(intrinsics, distortion)
-    guess = _first_guess(initial, motion, count, shape)
-    if count == 1:
-        return _result(np.zeros((1, 3)), np.zeros((1, 3, 3)), {}, motion, shape, reference)
-    work = _Work(
-        pyramid(make_samples(images, light, ambiguity_range, source)),
-        motion,
-        reference,
-        guess,
-        initial is not None,
-        {},
-    )
-    work.drop_empty()
-    work.align_with_reference()
-    work.align_together()
-    return _result(work.parameters, work.covariance, work.rejected, motion, shape, reference)
-
-
-def _first_guess(initial: ArrayLike | None, motion: Motion, count: int, shape: tuple[int, int]) -> Float:
-    guess = np.zeros((count, 3))
-    if initial is None:
-        return guess
-    given: Float = np.asarray(initial, dtype=np.float64)
-    if given.ndim != 2 or len(given) != count or given.shape[1] not in (2, 3):
-        raise FusionInputError(f"initial has shape {given.shape}; expected ({count}, 2) or ({count}, 3)")
-    if not np.isfinite(given).all():
-        raise FusionInputError("initial holds NaN or infinity; expected finite numbers, or None")
-    if isinstance(motion, Shift):
-        if given.shape[1] == 3:
-            raise FusionInputError("initial rotations (N, 3) need the camera's intrinsics")
-        guess[:, :2] = given
-    elif given.shape[1] == 3:
-        guess[:] = given
-    else:
-        guess[:] = shifts_to_rotations(given, shape, motion.intrinsics, motion.lens)
-    return guess
-
-
-class _Work:
+class Alignment:
     """One registration under way."""
 
     def __init__(
@@ -215,20 +132,22 @@ class _Work:
     def _refine_pairwise(self) -> Equations:
         """Against the reference alone, on the pooled levels."""
         for samples in self.levels[:0:-1] or self.levels:
-            mosaic = self._reference_mosaic(samples)
-            for _ in range(4):
-                equations = self._equations(samples, mosaic, ALIASED)
-                if self._step(equations, hold_reference=True) < COARSE_STEP:
-                    break
+            with worthwhile_threads(samples.weights.size):
+                mosaic = self._reference_mosaic(samples)
+                for _ in range(4):
+                    equations = self._equations(samples, mosaic, ALIASED)
+                    if self._step(equations, hold_reference=True) < COARSE_STEP:
+                        break
         return self._equations(samples, mosaic, ALIASED)
 
     def _reference_mosaic(self, samples: Samples) -> Mosaic:
         one = slice(self.reference, self.reference + 1)
         positions = self.motion.positions(np.zeros((1, 3)), samples.shape, samples.level)
         grid = Grid.over(positions, density=1)
-        return build_mosaic(
-            samples.values[:, one], samples.weights[one], positions, grid, smoothing=0.3, sweeps=8
-        )
+        with worthwhile_threads(samples.weights[one].size):
+            return build_mosaic(
+                samples.values[:, one], samples.weights[one], positions, grid, smoothing=0.3, sweeps=8
+            )
 
     def _refine_jointly(
         self, samples: Samples, most: int, coarser: Mosaic | None = None
@@ -291,25 +210,3 @@ class _Work:
         if not np.any(np.delete(self.active, self.reference)):
             reasons = "; ".join(f"frame {k} {why}" for k, why in sorted(self.rejected.items()))
             raise RegistrationError(f"no frame could be aligned with frame {self.reference}: {reasons}")
-
-
-def _result(
-    parameters: Float,
-    covariance: Float,
-    rejected: dict[int, str],
-    motion: Motion,
-    shape: tuple[int, int],
-    reference: int,
-) -> Registration:
-    if isinstance(motion, Turn):
-        shifts = rotations_to_shifts(parameters, shape, motion.intrinsics, motion.lens)
-        fy, fx = motion.camera(0)[:2]
-        variance = np.stack([covariance[:, 0, 0] * fy**2, covariance[:, 1, 1] * fx**2], axis=-1)
-    else:
-        shifts = parameters[:, :2].copy()
-        variance = np.stack([covariance[:, 0, 0], covariance[:, 1, 1]], axis=-1)
-    # A frame's displacement is a difference: the reference's own error is part of it.
-    uncertainty = np.sqrt(variance + variance[reference])
-    uncertainty[reference] = 0
-    rotations = parameters.copy() if isinstance(motion, Turn) else None
-    return Registration(shifts, rotations, uncertainty, rejected)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -76,23 +77,48 @@ def make_samples(
     if amplitude is None:
         raise FusionInputError(f"registration from {source!r} needs amplitude; give it, or use 'distance'")
     valid &= np.isfinite(amplitude)
+    if source != "amplitude" and ambiguity_range is not None:
+        return _phasors(distance, amplitude, valid, 2 * np.pi / ambiguity_range)
     light = np.where(valid, amplitude, 0)
     if source == "amplitude":
         return _weighted(light[None], valid, np.ones_like(light))
-    if ambiguity_range is not None:
-        angle = np.where(valid, distance, 0) * np.float32(2 * np.pi / ambiguity_range)
-        return _weighted(np.stack([light * np.cos(angle), light * np.sin(angle)]), valid, np.ones_like(light))
     middle = float(np.median(distance[valid])) if valid.any() else 0.0
     return _both_without_range(light, np.where(valid, distance - middle, 0), valid)
+
+
+def _phasors(distance: Image, amplitude: Image, valid: NDArray[np.bool_], turn: float) -> Samples:
+    """Scaled and written in one pass: a burst's temporaries would cost more than the arithmetic."""
+    rows = _some_rows(distance.shape[1]) if valid[:, _some_rows(distance.shape[1])].any() else slice(None)
+    known = valid[:, rows]
+    light = np.where(known, amplitude[:, rows], 0)
+    angle = np.where(known, distance[:, rows], 0) * np.float32(turn)
+    part = np.stack([light * np.cos(angle), light * np.sin(angle)])
+    some = _Statistics.of(part, known, np.ones_like(light))
+    values = np.zeros((2, *distance.shape), np.float32)
+    if some is not None:
+        scale = 1 / np.sqrt(some.noise + (FLOOR * some.spread) ** 2 + 1e-30)
+        _write_phasors(distance, amplitude, valid, turn, some.middle, scale, values)
+    return Samples(values, valid.astype(np.float32), 0)
+
+
+@numba.njit(cache=True, parallel=True, fastmath=True)
+def _write_phasors(distance, amplitude, valid, turn, middle, scale, values):  # type: ignore[no-untyped-def]
+    count, height, width = distance.shape
+    rate, factor = np.float32(turn), np.float32(scale)
+    for k in numba.prange(count):
+        for i in range(height):
+            for j in range(width):
+                if valid[k, i, j]:
+                    angle = distance[k, i, j] * rate
+                    values[0, k, i, j] = (amplitude[k, i, j] * np.cos(angle) - middle[0]) * factor
+                    values[1, k, i, j] = (amplitude[k, i, j] * np.sin(angle) - middle[1]) * factor
 
 
 def _both_without_range(light: Image, offset: Image, valid: NDArray[np.bool_]) -> Samples:
     moment, even = light * offset, np.ones_like(light)
     scales = []
-    for image in (
-        light,
-        moment,
-    ):  # the moment is brought to the amplitude's noise, or range where it has none
+    # The moment is brought to the amplitude's noise, or to its range where there is no noise.
+    for image in (light, moment):
         some = _Statistics.of(image[None], valid, even)
         scales.append(0.0 if some is None else np.sqrt(some.noise) + FLOOR * some.spread)
     moment *= np.float32(scales[0] / scales[1]) if scales[1] > 0 else np.float32(0)
@@ -121,6 +147,10 @@ def _weighted(values: Image, valid: NDArray[np.bool_], relative: Image) -> Sampl
     return Samples(scaled, weights, 0)
 
 
+def _some_rows(height: int) -> slice:
+    return slice(None, None, max(1, height // 16))
+
+
 @dataclass(frozen=True, slots=True)
 class _Statistics:
     """Of about sixteen rows of every frame, which is plenty: noise c² in σ = c · relative, range, medians."""
@@ -132,7 +162,7 @@ class _Statistics:
 
     @classmethod
     def of(cls, values: Image, valid: NDArray[np.bool_], relative: Image) -> "_Statistics | None":
-        rows = slice(None, None, max(1, values.shape[2] // 16))
+        rows = _some_rows(values.shape[2])
         kept, some, factor = values[:, :, rows], valid[:, rows], relative[:, rows]
         if not some.any():
             kept, some, factor = values, valid, relative
