@@ -1,8 +1,8 @@
 """Which distances of a phasor map to believe.
 
 Where the light fades, angle(Z) is noise; beside a bright edge, the sharpened Z of a dark surface may swing
-past 0, and its angle then points half the ambiguity range away. No surface lies outside the distances measured
-around it, so what does is not believed, and neither is anything without light around it.
+past 0, and its angle then points half the ambiguity range away. No surface lies outside the distances
+measured around it, so what does is not believed, and neither is anything without light around it.
 """
 
 import cv2
