@@ -13,6 +13,8 @@ from solver.registration.samples import Source, make_samples, pyramid
 
 Float = NDArray[np.float64]
 
+MODEL = 0.006  # pixels; RMS error on noise-free bursts, which the mosaic's limits leave
+
 
 @dataclass(frozen=True, slots=True)
 class Registration:
@@ -121,7 +123,7 @@ def _result(
         shifts = parameters[:, :2].copy()
         variance = np.stack([covariance[:, 0, 0], covariance[:, 1, 1]], axis=-1)
     # A frame's displacement is a difference: the reference's own error is part of it.
-    uncertainty = np.sqrt(variance + variance[reference])
+    uncertainty = np.sqrt(variance + variance[reference] + MODEL**2)
     uncertainty[reference] = 0
     rotations = parameters.copy() if isinstance(motion, Turn) else None
     return Registration(shifts, rotations, uncertainty, rejected)
