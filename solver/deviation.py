@@ -19,6 +19,9 @@ from solver.sampling import sample
 
 _FLOOR, _NOISE, _PLACE = 0.33, 0.14, 0.21
 
+_KNOWS_SLOPES = 0.48
+"""What is left of all three where the prior lets ramps pass (`phasor`'s second pass)."""
+
 _SINGLE = ("nearest", "bicubic")
 """Methods that show one frame."""
 
@@ -50,9 +53,10 @@ def deviation(
         near /= np.float32(len(problem.distance))
     # Blurred rounding errors are no samples; a hundredth of a sample stands for none.
     usual = usual_deviation(problem) if problem.noise else 0.0
-    noise = np.float32(_smoothing(solution) * usual) / np.sqrt(np.maximum(near, np.float32(0.01)))
+    share = _KNOWS_SLOPES if problem.options.method == "phasor" else 1.0
+    noise = np.float32(share * _smoothing(solution) * usual) / np.sqrt(np.maximum(near, np.float32(0.01)))
     fine = np.pad(distance, 2, mode="edge")[None]
-    place = np.float32(_PLACE) * cv2.blur(
+    place = np.float32(share * _PLACE) * cv2.blur(
         Prior().norms(fine)[2:-2, 2:-2], window, borderType=cv2.BORDER_REFLECT
     )
     return np.asarray(np.hypot(noise, place) * np.exp2(np.minimum(away, np.float32(20))), np.float32)
