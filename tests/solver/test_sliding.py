@@ -34,7 +34,8 @@ def test_a_window_gives_what_fuse_gives(method: str) -> None:
     # Two solves stopped at an objective error of 1e-3 each, compared with noise of 5 mm.
     difference = streamed.distance - whole.distance
     assert np.sqrt(np.nanmean(difference**2)) < 0.0025
-    assert streamed.report.objective == pytest.approx(whole.report.objective, rel=5e-3)
+    if method == "lidarboost":  # one convex problem, whatever the start
+        assert streamed.report.objective == pytest.approx(whole.report.objective, rel=5e-3)
 
 
 def test_warm_starts_need_fewer_iterations() -> None:
