@@ -1,10 +1,10 @@
 """The iteration: a primal–dual algorithm with over-relaxation, its stopping rule and its certificate.
 
-It minimises term(X) + Σ r ‖∇X − s‖₂ (maps are in units of λ; r = 1 and s = 0 but in reweighted passes), the
-prior through its dual variables, the term through its proximal map or its gradient. Sources: Chambolle, Pock,
-"A first-order primal-dual algorithm for convex problems with applications to imaging", JMIV 2011, algorithm 1;
-Condat, "A primal-dual splitting method for convex optimization involving Lipschitzian, proximable and linear
-composite terms", JOTA 2013, algorithm 3.1.
+It minimises term(X) + Σ r ‖∇X − s‖₂ (maps are in units of λ; r = 1 and s = 0 but in reweighted passes),
+the prior through its dual variables, the term through its proximal map or its gradient. Sources:
+Chambolle, Pock, "A first-order primal-dual algorithm for convex problems with applications to imaging",
+JMIV 2011, algorithm 1; Condat, "A primal-dual splitting method for convex optimization involving
+Lipschitzian, proximable and linear composite terms", JOTA 2013, algorithm 3.1.
 """
 
 from dataclasses import dataclass
