@@ -1,6 +1,6 @@
 """One standard deviation per fused pixel, from the noise of the samples around it and the slope of the map.
 
-    deviation² = (a σ)² / n + (b ‖∇X‖)²,   a² = 0.33² + (0.14 σ / λ)²
+    deviation² = (a σ)² / n + (b ‖∇X‖)²,   a² = floor² + (share · σ / λ)²
 
 n samples of deviation σ lie within one low-resolution pixel; the prior averages over more of them the larger
 λ is, but no further than the scene's own structure. On slopes and edges the error is one of place, and b is
@@ -17,10 +17,10 @@ from solver.prior import Prior
 from solver.problem import Problem, Solution
 from solver.sampling import sample
 
-_FLOOR, _NOISE, _PLACE = 0.33, 0.14, 0.21
+_LEVEL, _SLOPED = (0.33, 0.14, 0.21), (0.205, 0.03, 0.087)
+"""Floor, share of σ / λ, and b: for a prior of first order, and for one that lets ramps pass."""
 
-_KNOWS_SLOPES = 0.48
-"""What is left of all three where the prior lets ramps pass (`phasor`'s second pass)."""
+_LETS_RAMPS_PASS = ("area", "phasor")
 
 _SINGLE = ("nearest", "bicubic")
 """Methods that show one frame."""
@@ -53,16 +53,12 @@ def deviation(
         near /= np.float32(len(problem.distance))
     # Blurred rounding errors are no samples; a hundredth of a sample stands for none.
     usual = usual_deviation(problem) if problem.noise else 0.0
-    share = _KNOWS_SLOPES if problem.options.method == "phasor" else 1.0
-    noise = np.float32(share * _smoothing(solution) * usual) / np.sqrt(np.maximum(near, np.float32(0.01)))
+    floor, share, shift = _SLOPED if problem.options.method in _LETS_RAMPS_PASS else _LEVEL
+    relative = solution.relative
+    smoothing = 1.0 if relative is None else float(np.hypot(floor, share / relative))
+    noise = np.float32(smoothing * usual) / np.sqrt(np.maximum(near, np.float32(0.01)))
     fine = np.pad(distance, 2, mode="edge")[None]
-    place = np.float32(share * _PLACE) * cv2.blur(
+    place = np.float32(shift) * cv2.blur(
         Prior().norms(fine)[2:-2, 2:-2], window, borderType=cv2.BORDER_REFLECT
     )
     return np.asarray(np.hypot(noise, place) * np.exp2(np.minimum(away, np.float32(20))), np.float32)
-
-
-def _smoothing(solution: Solution) -> float:
-    if solution.relative is None:
-        return 1.0
-    return float(np.hypot(_FLOOR, _NOISE / solution.relative))

@@ -31,9 +31,9 @@ def plausible(
     high = np.full_like(low, -np.inf)
     kernels.extremes(problem.distance, lit, problem.positions, low, high)
     around = np.ones((3, 3), np.uint8)
-    low, high = cv2.erode(low, around), cv2.dilate(high, around)
+    least, most = cv2.erode(low, around), cv2.dilate(high, around)
     shape = problem.fused_shape[::-1]
-    low = cv2.resize(low, shape, interpolation=cv2.INTER_NEAREST)
-    high = cv2.resize(high, shape, interpolation=cv2.INTER_NEAREST)
+    least = cv2.resize(least, shape, interpolation=cv2.INTER_NEAREST)
+    most = cv2.resize(most, shape, interpolation=cv2.INTER_NEAREST)
     margin = np.float32(_MARGIN * usual)
-    return np.asarray((distance >= low - margin) & (distance <= high + margin))
+    return np.asarray((distance >= least - margin) & (distance <= most + margin))

@@ -2,7 +2,8 @@
 
     E(X) = Σ_k ‖Ω_k^½ (y_k − A_k X)‖² + λ Σ ‖∇X‖₂
 
-Ω weighs samples by their noise, relative to the median's, so that λ stays in units of distance.
+Ω weighs samples by their noise, relative to the median's, so that λ stays in units of distance. E is solved
+once; a second pass knows its edges and slopes (see `solver.reweighting`).
 """
 
 import numpy as np
@@ -11,16 +12,19 @@ from numpy.typing import NDArray
 from solver.fill import smoothed
 from solver.footprint import AreaTerm
 from solver.noise import spread, usual_deviation
-from solver.primal_dual import minimise, start, warm
+from solver.primal_dual import start, warm
 from solver.prior import Prior
 from solver.problem import Problem, Solution
 from solver.result import Progress
+from solver.reweighting import Reweighting, minimise_reweighted
 from solver.sampling import sample
 
 _NOISE, _CLEAN = 0.16, 0.0006
 """λ = σ √(σ / (0.16 · range)), and at least 0.0006 of the scene's range for noise-free frames. The power
 3/2 is measured; it lies between the σ of a discrepancy rule and the σ² of a Laplacian prior."""
 
+_PASSES, _GAIN, _EPSILON, _EDGE = 1, 2.5, 0.16, 0.016
+"""Reweighting; ε and edge in units of the scene's range."""
 
 _MOST = 4.0
 """Weight of the brightest samples: mixing at edges, not noise, is what still brighter ones are wrong by."""
@@ -47,10 +51,12 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     state = start(np.pad(first, m, mode="edge")[None])
     if initial is not None:
         warm(state, initial.dual)
-    outcome = minimise(
+    extent = max(spread(problem.distance), strength)
+    outcome = minimise_reweighted(
         term,
         Prior(problem.options.neighbourhood),
         state,
+        Reweighting(_PASSES, _GAIN, _EPSILON * extent / strength, _EDGE * extent / strength),
         tolerance=problem.options.tolerance,
         limit=problem.options.max_iterations,
         scale=strength**2,

@@ -20,7 +20,7 @@ RAYS = 12
 
 
 def depth(y: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """A curved, tilted wall with a ball, a disc and a thin post in front; metres over low-resolution pixels."""
+    """A curved, tilted wall with a ball, a disc and a thin post in front; metres over pixels."""
     wall = 2.0 + 0.3 * np.sin(x / 30) + 0.004 * y
     ball = (y - 20) ** 2 + (x - 20) ** 2
     wall = np.where(ball < 144, 1.4 + 0.2 * ball / 144, wall)
