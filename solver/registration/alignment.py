@@ -177,7 +177,7 @@ class Alignment:
         """Move every frame; return the largest step in pixels."""
         unit = self.motion.unit()
         stiffness = 1 / ((2.0 if self.guided else 5.0) * unit) ** 2
-        steps, self.covariance = solve_steps(equations, self.guess - self.parameters, stiffness)
+        steps, self.covariance = solve_steps(equations, self.guess - self.parameters, stiffness, unit)
         limit = 2.0 ** (len(self.levels) - 1) * unit
         steps = np.clip(steps, -limit, limit)
         steps[list(self.rejected)] = 0

@@ -14,18 +14,20 @@ Float = NDArray[np.float64]
 
 HUBER = 1.5  # deviations beyond which a residual counts linearly
 POSITION_ERROR = 0.05  # pixels; the mosaic's error beside an edge, as a displacement
+OBSERVABLE = 1.0  # times what independent noise would add; on a plain wall a mosaic shows half of that
 WEAK = 4.0  # deviations per pixel: where the mosaic is flatter, its slope is mostly noise
 
 
 @dataclass(frozen=True, slots=True)
 class Equations:
-    """Per frame: normal matrix (N, 3, 3), right side (N, 3), and how well the frame fits.
+    """Per frame: normal matrix (N, 3, 3), what the mosaic's noise alone adds to it, right side (N, 3).
 
     `overlap` is the share of the frame's used samples that the mosaic covers; `misfit` the mean residual in
     deviations, each cut at 4, where the mosaic is steep.
     """
 
     matrix: Float
+    noise: Float
     right: Float
     overlap: Float
     misfit: Float
@@ -54,17 +56,22 @@ def normal_equations(
         motion.rotational,
         position_error,
     )
-    matrix = np.empty((len(sums), 3, 3))
-    upper = np.triu_indices(3)
-    matrix[:, upper[0], upper[1]] = sums[:, :6]
-    matrix[:, upper[1], upper[0]] = sums[:, :6]
-    total, seen, trust, misfit = sums[:, 9:].T
+    total, seen, trust, misfit = sums[:, 9:13].T
     return Equations(
-        matrix,
+        _symmetric(sums[:, :6]),
+        _symmetric(sums[:, 13:]) * mosaic.slope_noise,
         sums[:, 6:9],
         seen / np.maximum(total, 1),
         misfit / np.maximum(trust, 1e-9),
     )
+
+
+def _symmetric(upper: Float) -> Float:
+    matrix = np.empty((len(upper), 3, 3))
+    row, column = np.triu_indices(3)
+    matrix[:, row, column] = upper
+    matrix[:, column, row] = upper
+    return matrix
 
 
 @numba.njit(cache=True, parallel=True, fastmath=True)
@@ -73,12 +80,12 @@ def _normal_equations(  # type: ignore[no-untyped-def]
 ):
     channels, count, height, width = values.shape
     rows, columns = U.shape[1:]
-    sums = np.zeros((count, 13))
+    sums = np.zeros((count, 19))
     scale, one, two = np.float32(density), np.float32(1.0), np.float32(2.0)
     blur2, weak2 = np.float32(position_error * position_error), np.float32(WEAK * WEAK)
     fy, fx, cy, cx = camera[0], camera[1], camera[2], camera[3]
     for k in numba.prange(count):
-        total = np.zeros(13)
+        total = np.zeros(19)
         for i in range(height):
             for j in range(width):
                 w = weights[k, i, j]
@@ -135,6 +142,13 @@ def _normal_equations(  # type: ignore[no-untyped-def]
                 total[3] += weight * (yy * y1 * y1 + two * yx * y1 * x1 + xx * x1 * x1)
                 total[4] += weight * (yy * y1 * y2 + yx * (y1 * x2 + y2 * x1) + xx * x1 * x2)
                 total[5] += weight * (yy * y2 * y2 + two * yx * y2 * x2 + xx * x2 * x2)
+                # What slopes of noise alone would add, for a variance of one.
+                total[13] += weight * (y0 * y0 + x0 * x0)
+                total[14] += weight * (y0 * y1 + x0 * x1)
+                total[15] += weight * (y0 * y2 + x0 * x2)
+                total[16] += weight * (y1 * y1 + x1 * x1)
+                total[17] += weight * (y1 * y2 + x1 * x2)
+                total[18] += weight * (y2 * y2 + x2 * x2)
                 total[6] += weight * (yr * y0 + xr * x0)
                 total[7] += weight * (yr * y1 + xr * x1)
                 total[8] += weight * (yr * y2 + xr * x2)
@@ -142,15 +156,30 @@ def _normal_equations(  # type: ignore[no-untyped-def]
     return sums
 
 
-def solve_steps(equations: Equations, anchor: Float, stiffness: Float) -> tuple[Float, Float]:
+def solve_steps(equations: Equations, anchor: Float, stiffness: Float, unit: Float) -> tuple[Float, Float]:
     """Steps (N, 3) and covariances (N, 3, 3).
+
+    Along an edge, or on a plain wall, what looks like a slope is the mosaic's noise, and would lead a step
+    anywhere. So a direction counts only where the normal matrix exceeds its noise part several times (a
+    generalised eigenvalue problem); elsewhere the prior decides.
 
     Args:
         equations: of the present parameters.
         anchor: (N, 3) prior minus present parameters.
-        stiffness: (3,) 1/σ² of the prior, so that what the data leave open stays at the prior.
+        stiffness: (3,) 1/σ² of the prior.
+        unit: (3,) size of each parameter that moves the image by about a pixel.
     """
-    matrix = equations.matrix + np.diag(stiffness)
-    covariance = np.asarray(np.linalg.inv(matrix), np.float64)
-    steps: Float = np.einsum("nij,nj->ni", covariance, equations.right + anchor * stiffness)
-    return steps, covariance
+    scale = unit[:, None] * unit
+    matrix, noise = equations.matrix * scale, equations.noise * scale
+    small = 1e-9 * np.trace(matrix + noise, axis1=1, axis2=2) + 1e-12
+    root = np.linalg.cholesky(noise + small[:, None, None] * np.eye(3))
+    inverse = np.linalg.inv(root)
+    ratio, vectors = np.linalg.eigh(inverse @ matrix @ inverse.transpose(0, 2, 1))
+    seen = (ratio > OBSERVABLE).astype(np.float64)
+    axes = root @ vectors
+    useful = (axes * (seen * ratio)[:, None]) @ axes.transpose(0, 2, 1)
+    pull = (vectors.transpose(0, 2, 1) @ inverse @ (equations.right * unit)[:, :, None])[:, :, 0] * seen
+    right = (axes @ pull[:, :, None])[:, :, 0] + anchor * stiffness * unit
+    covariance = np.linalg.inv(useful + np.diag(stiffness * unit**2))
+    steps = (covariance @ right[:, :, None])[:, :, 0] * unit
+    return np.asarray(steps, np.float64), np.asarray(covariance * scale, np.float64)

@@ -24,6 +24,7 @@ Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 UNSEEN, FLAT, STEEP = 0, 1, 2
+COLD = 4  # reweightings from a blurred start; one is enough from an earlier mosaic
 STEEPEST = 0.18  # share of the mosaic that counts as steep: its edges
 EPSILON = 0.3  # of a deviation between nodes: where the prior turns from quadratic to absolute
 
@@ -59,13 +60,17 @@ class Grid:
 
 @dataclass(frozen=True, slots=True)
 class Mosaic:
-    """U (C, rows, columns), its slopes per pixel, and each node's kind (`UNSEEN`, `FLAT`, `STEEP`)."""
+    """U (C, rows, columns), its slopes per pixel with their noise's variance, and each node's kind.
+
+    The kinds are `UNSEEN`, `FLAT` and `STEEP`.
+    """
 
     values: Image
     down: Image
     right: Image
     kind: NDArray[np.uint8]
     grid: Grid
+    slope_noise: float
 
 
 def build_mosaic(
@@ -87,7 +92,7 @@ def build_mosaic(
     """
     stencil, right = _accumulate(values, weights, positions, *grid.origin, grid.density, *grid.size)
     image = _weighted_mean(stencil, right) if start is None else start
-    for _ in range(2 if start is None else 1):
+    for _ in range(COLD if start is None else 1):
         stiff = _stiffened(stencil, image, smoothing, EPSILON / grid.density)
         image, _ = conjugate_gradients(stiff, right, image, steps=sweeps)
     down, across = np.empty_like(image), np.empty_like(image)
@@ -95,7 +100,10 @@ def build_mosaic(
     mass = cv2.blur(stencil[0], (3, 3))
     seen = mass[::3, ::3]
     covered = mass > (0.1 * float(np.median(seen[seen > 0])) if seen.any() else 0)
-    return Mosaic(image, down, across, _kinds(square, covered), grid)
+    mass_per_node = float(stencil[0].sum() + 2 * stencil[1:].sum()) / max(int(covered.sum()), 1)
+    # That of central differences of independent nodes: the prior lowers it, picking steep nodes raises it.
+    noise = len(image) * grid.density**2 / (2 * mass_per_node + 1e-30)
+    return Mosaic(image, down, across, _kinds(square, covered), grid, noise)
 
 
 def _kinds(square: Image, covered: Mask) -> NDArray[np.uint8]:

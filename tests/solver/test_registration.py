@@ -226,3 +226,17 @@ def test_uneven_lighting_that_turns_with_the_camera_does_not_pull():
     falloff = 1 / (1 + ((rows - 36) ** 2 + (columns - 44) ** 2) / 80**2)
     found = register(distance, amplitude * falloff, intrinsics=K, ambiguity_range=RANGE)
     assert rotation_error(found.rotations, turns) < 0.03
+
+
+def test_along_a_plain_wall_the_first_guess_stands_and_the_uncertainty_says_so():
+    random = np.random.default_rng(0)
+    shifts = np.array([[0, 0], [1.5, -2.0], [-2.5, 1.0], [0.5, 3.0]])
+    rows = np.indices((72, 88))[0] + shifts[:, 0, None, None]
+    wall = 2 + 0.04 * rows + random.normal(0, 0.01, (4, 72, 88))
+    guess = shifts + np.array([[0, 0], [0.4, 0.3], [-0.4, 0.2], [0.3, -0.4]])
+    found = register(wall, initial=guess)
+    assert not found.rejected
+    assert np.abs(found.shifts[:, 1] - guess[:, 1]).max() < 0.1  # nothing to see along the rows
+    assert np.abs(found.shifts[:, 0] - shifts[:, 0]).max() < 0.3  # the slope shows the rest
+    assert (found.uncertainty[1:, 1] > 1).all()
+    assert (found.uncertainty[1:, 0] < 0.3).all()
