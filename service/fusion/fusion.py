@@ -15,7 +15,7 @@ from service.capture.burst import Burst
 from service.capture.plan import coverage
 from service.config import FusionSection
 from service.fusion.report import BurstReport, Phases
-from solver import FusionWarning, fuse
+from solver import Footprint, FusionWarning, fuse
 from solver.geometry import depth_from_distance, fused_intrinsics
 from solver.result import Fused, Progress
 
@@ -67,7 +67,7 @@ def fuse_burst(burst: Burst, settings: FusionSection, progress: Progress | None 
         fused = fuse(
             distance,
             amplitude,
-            options=settings.options(),
+            options=replace(settings.options(), footprint=_footprint(calibration)),
             rotations=None if settings.register_poses else turns,
             initial=turns if settings.register_poses else None,
             intrinsics=calibration.intrinsics.matrix,
@@ -82,6 +82,11 @@ def fuse_burst(burst: Burst, settings: FusionSection, progress: Progress | None 
     return FusedBurst(
         reference, calibration, fused.distance, depth, fused.deviation, fused.amplitude, intrinsics, report
     )
+
+
+def _footprint(calibration: Calibration) -> Footprint:
+    known = calibration.footprint
+    return Footprint(side=known.fill_factor, blur=known.blur)
 
 
 def stack(
