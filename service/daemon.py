@@ -50,6 +50,9 @@ class Watch:
     def started(self, daemon: "Daemon") -> None:
         """The devices are open."""
 
+    def warming(self) -> None:
+        """The fusion loads its kernels, or compiles them where this is their first run."""
+
     def captured(self, frame: Frame) -> None:
         """A frame belongs to a burst."""
 
@@ -128,6 +131,7 @@ class Daemon:
         calibration = self.rig.calibration
         self._outlets.send([calibration_message(calibration, self.rig.clock.now())])
         camera_rotation(0.0, 0.0, calibration.mount)  # imports a good part of SciPy, once, before frames come
+        self._watch.warming()
         self._worker.wait_ready(self.stop.is_set)
         notify(READY)
         self._monitor.state = "scanning"

@@ -41,6 +41,9 @@ def total_frames(daemon: Daemon) -> int:
     return daemon.configuration.fusion.frames if recording is None else recording.frame_count
 
 
+_WARMING = "warming up: on its first run here the fusion compiles its kernels, for up to two minutes"
+
+
 class _Bar(Watch):
     def __init__(self, progress: "Progress") -> None:
         self._progress = progress
@@ -48,6 +51,9 @@ class _Bar(Watch):
     def started(self, daemon: Daemon) -> None:
         self._frames = self._progress.add_task("frames", total=total_frames(daemon))
         self._maps = self._progress.add_task("bursts fused", total=None)
+
+    def warming(self) -> None:
+        self._progress.console.print(_WARMING, highlight=False)
 
     def captured(self, frame: Frame) -> None:  # noqa: ARG002
         self._progress.advance(self._frames)
@@ -66,6 +72,9 @@ class _Bar(Watch):
 class _Lines(Watch):
     def started(self, daemon: Daemon) -> None:
         self._say(f"{daemon.rig.camera.capabilities.model}: {total_frames(daemon)} frames to come")
+
+    def warming(self) -> None:
+        self._say(_WARMING)
 
     def burst(self, number: int) -> None:
         self._say(f"{number} bursts captured")

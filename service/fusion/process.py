@@ -13,8 +13,8 @@ from service.errors import WorkerError
 from service.fusion.fusion import FusedBurst
 from service.fusion.serving import Failure, Ready, serve
 
-_START_TIMEOUT = 120.0
-"""Seconds to import and to compile the kernels: a few, a minute where nothing is cached on a slow machine."""
+_START_TIMEOUT = 600.0
+"""Seconds to import and compile the kernels: a few; two minutes where nothing is cached yet."""
 
 
 class FusionProcess:

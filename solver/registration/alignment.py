@@ -143,7 +143,7 @@ class Alignment:
     def _reference_mosaic(self, samples: Samples) -> Mosaic:
         one = slice(self.reference, self.reference + 1)
         positions = self.motion.positions(np.zeros((1, 3)), samples.shape, samples.level)
-        grid = Grid.over(positions, density=1)
+        grid = Grid.over(positions, density=1.0)
         with worthwhile_threads(samples.weights[one].size):
             return build_mosaic(
                 samples.values[:, one], samples.weights[one], positions, grid, smoothing=0.3, sweeps=8

@@ -90,6 +90,8 @@ def build_mosaic(
         sweeps: conjugate-gradient steps per reweighting.
         start: a first U on the same grid.
     """
+    # One layout for all callers: each further one is compiled for several seconds on a new machine.
+    values = np.ascontiguousarray(values)
     stencil, right = _accumulate(values, weights, positions, *grid.origin, grid.density, *grid.size)
     image = _weighted_mean(stencil, right) if start is None else start
     for _ in range(COLD if start is None else 1):
