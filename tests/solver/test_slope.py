@@ -3,7 +3,11 @@
 import numpy as np
 import pytest
 
+from solver.footprint import AreaTerm
 from solver.kernels.prior import PAD
+from solver.options import Footprint
+from solver.positions import sample_positions
+from solver.primal_dual import minimise, start
 from solver.prior import Prior, level
 from solver.slope import slope
 
@@ -43,3 +47,19 @@ def test_an_edge_has_no_say() -> None:
     step = np.zeros((1, 40, 60))
     step[:, :, 30:] = 50.0
     assert np.abs(slope(padded(step), edge=1.0)).max() < 0.01
+
+
+def test_the_gap_closes_with_a_slope_too() -> None:
+    """Iteration and certificate agree on what the slope foretells: both bounds meet at the optimum."""
+    rng = np.random.default_rng(5)
+    shifts = np.array([[0, 0], [0.3, 0.45], [-0.4, 0.2], [0.15, -0.35]])
+    positions = sample_positions((4, 6, 7), shifts=shifts)
+    values = rng.normal(size=(2, 4, 6, 7)) + 3.0 * np.arange(7)
+    term = AreaTerm(values, np.ones((4, 6, 7)), positions, 2, Footprint())
+    state = start(np.zeros(term.shape))
+    state.slope = np.zeros((2, 2, *state.x.shape[1:]))
+    state.slope[:, :, PAD:-PAD, PAD:-PAD] = rng.normal(size=(2, 2, *term.shape[1:]))
+    state.radius[...] = rng.uniform(0.5, 2.0, state.radius.shape)
+    outcome = minimise(term, Prior(), state, tolerance=1e-9, limit=20000)
+    bound = term.bound(outcome.state, Prior())
+    assert outcome.objective * (1 - 1e-4) < bound <= outcome.objective * (1 + 1e-9)
