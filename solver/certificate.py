@@ -9,6 +9,7 @@ p meet the equation only in the limit. Here p is corrected by the least change o
 meets it, a Poisson equation, and both are then shrunk until every group is in its ball.
 """
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,33 +43,48 @@ def shrinkage(
         excess: (C, rows, columns), of sum 0 in each channel.
         tilt: (C, 2, rows + 4, columns + 4), the slope, or (C, 2, 0, 0).
     """
-    inner = dual[:, :, 2:-2, 2:-2]
-    square, lift = np.zeros(excess.shape[1:]), 0.0
-    for channel, variables in enumerate(inner):
+    square, lift = np.zeros(excess.shape[1:], excess.dtype), 0.0
+    for channel, padded in enumerate(dual):
+        variables = padded[:, 2:-2, 2:-2]
         potential = _poisson(excess[channel], float(weights[1]) ** 2, float(weights[0]) ** 2)
         across, along = variables[0].copy(), variables[1].copy()
         across[:, :-1] -= weights[0] * (potential[:, :-1] - potential[:, 1:])
         along[:-1] -= weights[1] * (potential[:-1] - potential[1:])
-        square += across**2 + along**2
+        square += across * across
+        square += along * along
+        square += np.einsum("kij,kij->ij", variables[2:], variables[2:])
         if tilt.size:
-            moved = np.stack([across, along, *variables[2:]])
-            lift += _foretold(moved, weights, tilt[channel, :, 2:-2, 2:-2])
-        for other in variables[2:]:
-            square += other**2
-    square /= radius[2:-2, 2:-2].astype(np.float64) ** 2
+            fall, run = tilt[channel]
+            lift += _product(across, run[2:-2, 2:-2], weights[0])
+            lift += _product(along, fall[2:-2, 2:-2], weights[1])
+            for k, (down, right) in list(enumerate(NEIGHBOURHOOD))[2:]:
+                lift += down * _product(padded[k], fall, weights[k])
+                lift += right * _product(padded[k], run, weights[k])
+    square /= radius[2:-2, 2:-2] ** 2
     return float(1 / np.sqrt(max(1.0, float(square.max())))), lift
 
 
-def _foretold(dual: NDArray[np.floating], weights: NDArray[np.floating], tilt: NDArray[np.floating]) -> float:
-    """Σ over differences inside the image of dual · weight · (what the slope foretells), one channel."""
-    rows, columns = tilt.shape[1:]
-    inside = kernels.tables(weights.astype(np.float64), columns, 1.0)
-    total = 0.0
-    for k, (down, right) in enumerate(NEIGHBOURHOOD):
-        table = np.broadcast_to(inside[0, k], (rows, columns)).copy()
-        table[max(0, rows - 2) :] = inside[1:, k][-min(rows, 2) :]
-        total += float((dual[k] * table * (down * tilt[0] + right * tilt[1])).sum(dtype=np.float64))
-    return total
+def transferred(excess: NDArray[np.floating], seen: NDArray[np.bool_], reach: float) -> NDArray[np.floating]:
+    """The excess of unseen pixels, less the same amount on the seen pixels around: its sum is 0 wherever.
+
+    Args:
+        excess, seen: (rows, columns); reach: deviation of the Gaussian that moves it, pixels.
+    """
+    mask = seen.astype(excess.dtype)
+
+    def spread(image: NDArray[np.floating]) -> NDArray[np.floating]:
+        return np.asarray(cv2.GaussianBlur(image, (0, 0), reach, borderType=cv2.BORDER_CONSTANT))
+
+    density = spread(mask)
+    near = ~seen & (density > 1e-3)
+    loose = np.where(near, excess, 0)
+    back = spread(np.divide(loose, density, out=np.zeros_like(loose), where=near))
+    return np.asarray(loose - mask * back)
+
+
+def _product(dual: NDArray[np.floating], tilt: NDArray[np.floating], weight: np.floating) -> float:
+    """weight · Σ dual · tilt."""
+    return float(weight) * float(np.einsum("ij,ij->", dual, tilt))
 
 
 def _poisson(source: NDArray[np.floating], down: float, right: float) -> NDArray[np.floating]:
@@ -76,11 +92,11 @@ def _poisson(source: NDArray[np.floating], down: float, right: float) -> NDArray
     from scipy.fft import dctn, idctn
 
     rows, columns = source.shape
-    spectrum = dctn(source, norm="ortho")
+    spectrum = dctn(source, norm="ortho", workers=2)
     row = down * (2 - 2 * np.cos(np.pi * np.arange(rows) / rows))
     column = right * (2 - 2 * np.cos(np.pi * np.arange(columns) / columns))
     eigenvalues = (row[:, None] + column[None]).astype(source.dtype)
     eigenvalues[0, 0] = 1
     spectrum /= eigenvalues
     spectrum[0, 0] = 0
-    return np.asarray(idctn(spectrum, norm="ortho"))
+    return np.asarray(idctn(spectrum, norm="ortho", workers=2))

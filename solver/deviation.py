@@ -17,10 +17,8 @@ from solver.prior import Prior
 from solver.problem import Problem, Solution
 from solver.sampling import sample
 
-_LEVEL, _SLOPED = (0.33, 0.14, 0.21), (0.205, 0.03, 0.087)
-"""Floor, share of σ / λ, and b: for a prior of first order, and for one that lets ramps pass."""
-
-_LETS_RAMPS_PASS = ("area", "phasor")
+_LEVEL, _SLOPED = (0.33, 0.14, 0.21), {"area": (0.20, 0.04, 0.03), "phasor": (0.17, 0.03, 0.08)}
+"""Floor, share of σ / λ, and b: for a prior of first order, and by method for one that lets ramps pass."""
 
 _SINGLE = ("nearest", "bicubic")
 """Methods that show one frame."""
@@ -53,7 +51,7 @@ def deviation(
         near /= np.float32(len(problem.distance))
     # Blurred rounding errors are no samples; a hundredth of a sample stands for none.
     usual = usual_deviation(problem) if problem.noise else 0.0
-    floor, share, shift = _SLOPED if problem.options.method in _LETS_RAMPS_PASS else _LEVEL
+    floor, share, shift = _SLOPED.get(problem.options.method, _LEVEL)
     relative = solution.relative
     smoothing = 1.0 if relative is None else float(np.hypot(floor, share / relative))
     noise = np.float32(smoothing * usual) / np.sqrt(np.maximum(near, np.float32(0.01)))

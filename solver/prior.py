@@ -27,16 +27,11 @@ class Prior:
             [1 / np.hypot(*offset) if offset in self.offsets else 0.0 for offset in NEIGHBOURHOOD], np.float32
         )
 
-    @property
-    def norm(self) -> float:
-        """An upper bound of ‖∇‖: a difference of weight w adds at most 4 w² to ‖∇‖²."""
-        return float(2.0 * np.sqrt((self.weights.astype(np.float64) ** 2).sum()))
-
     def value(
         self, x: NDArray[np.floating], radius: NDArray[np.floating], slope: NDArray[np.floating] | None = None
     ) -> float:
         """Σ radius ‖∇x − slope‖₂ of a padded map (C, rows + 4, columns + 4); slope as in `solver.slope`."""
-        return float(kernels.total(x, radius, level(x) if slope is None else slope, self._tables(x)))
+        return float((radius * self.norms(x, slope)).sum(dtype=np.float64))
 
     def norms(
         self, x: NDArray[np.floating], slope: NDArray[np.floating] | None = None
@@ -46,9 +41,24 @@ class Prior:
         kernels.norms(x, level(x) if slope is None else slope, self._tables(x), out)
         return out
 
+    def duals(
+        self,
+        x: NDArray[np.floating],
+        radius: NDArray[np.floating],
+        slope: NDArray[np.floating],
+        epsilon: float,
+    ) -> NDArray[np.floating]:
+        """(C, 6, rows + 4, columns + 4): the gradient of radius ‖∇x − slope‖₂, its corner rounded below ε.
+
+        Its groups lie within balls of that radius, so it is a feasible dual variable.
+        """
+        stiffness = radius / np.maximum(self.norms(x, slope), x.dtype.type(epsilon))
+        out: NDArray[np.floating] = np.zeros((len(x), len(NEIGHBOURHOOD), *x.shape[1:]), x.dtype)
+        kernels.duals(x, slope, stiffness, self._tables(x), out)
+        return out
+
     def _tables(self, x: NDArray[np.floating]) -> NDArray[np.floating]:
-        weights = self.weights.astype(x.dtype)
-        return kernels.tables(weights, x.shape[2] - 4, 1.0)
+        return kernels.tables(self.weights.astype(x.dtype), x.shape[2] - 4)
 
 
 def level(x: NDArray[np.floating]) -> NDArray[np.floating]:

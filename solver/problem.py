@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from solver.options import FusionOptions
 from solver.result import Progress
+from solver.reweighting import Trail
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +50,7 @@ class Solution:
         distance: (βH, βW) float32, NaN = not known to the method.
         amplitude: (βH, βW) float32, or None.
         relative: λ in units of one sample's deviation, where the method has a convex prior.
-        dual: the dual variables reached, for a warm start, or None.
+        trail: for a warm start of the same method on about the same data.
         regularization, iterations, objective, gap, converged: as in `Report`.
     """
 
@@ -60,8 +61,8 @@ class Solution:
     objective: float | None
     gap: float | None
     converged: bool
-    dual: NDArray[np.floating] | None = None
     relative: float | None = None
+    trail: Trail | None = None
 
 
 __all__ = ["Problem", "Progress", "Solution"]

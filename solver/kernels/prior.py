@@ -1,7 +1,8 @@
-"""One primal–dual iteration of the group prior, and its value.
+"""The group prior and its quadratic majorant, by rows.
 
-The dual variables of the six differences of a pixel are one group. `up` holds the differences' weights times
-the dual step by column, 0 where a difference leaves the image: one table for ordinary rows, one for the last
+At a map x the prior Σ r ‖∇x − s‖ lies under ½ Σ v ‖∇x − s‖² + constant with the stiffness
+v = r / max(‖∇x − s‖, ε), touching it there where ‖∇x − s‖ ≥ ε. `up` holds the squared weights of the six
+differences by column, 0 where a difference leaves the image: one table for ordinary rows, one for the last
 row but one and one for the last.
 """
 
@@ -16,256 +17,323 @@ _ROWS, _COLUMNS = (0, 1, 1, 1, 0, 2), (1, 0, 1, -1, 2, 0)
 """The differences' offsets."""
 
 _TILE_ROWS = 36
-"""Rows walked together: two tiles of 704 columns, eight arrays each, fit the cache of one core."""
+"""Rows walked together."""
 
 
-@njit(fastmath=True)
-def _ascend(i, over, dual, up, rho):  # type: ignore[no-untyped-def]
-    """dual ← dual + ρ (projection of (dual + σ ∇over) onto the unit ball − dual), row i, one channel."""
-    n = over.shape[1] - 4
-    here, right, right2 = over[i, 2 : 2 + n], over[i, 3 : 3 + n], over[i, 4 : 4 + n]
-    down, diagonal, antidiagonal = over[i + 1, 2 : 2 + n], over[i + 1, 3 : 3 + n], over[i + 1, 1 : 1 + n]
-    down2 = over[i + 2, 2 : 2 + n]
-    p0, p1, p2 = dual[0, i, 2 : 2 + n], dual[1, i, 2 : 2 + n], dual[2, i, 2 : 2 + n]
-    p3, p4, p5 = dual[3, i, 2 : 2 + n], dual[4, i, 2 : 2 + n], dual[5, i, 2 : 2 + n]
+@njit(fastmath=True, error_model="numpy")
+def _add_squares(i, x, slope, up, squares):  # type: ignore[no-untyped-def]
+    """Add one channel's ‖∇x − slope‖² at row i."""
+    n = x.shape[1] - 4
+    here, right, right2 = x[i, 2 : 2 + n], x[i, 3 : 3 + n], x[i, 4 : 4 + n]
+    down, diagonal, antidiagonal = x[i + 1, 2 : 2 + n], x[i + 1, 3 : 3 + n], x[i + 1, 1 : 1 + n]
+    down2, out = x[i + 2, 2 : 2 + n], squares[:n]
     # Differences down leave the image by whole rows, so their weights are the same in every column. Fewer
     # arrays also keep the compiler's test that none overlap within its limit.
     w0, w1, w2, w3, w4, w5 = up[0], up[1, 0], up[2], up[3], up[4], up[5, 0]
-    keep = over.dtype.type(1) - rho  # a plain 1 would make it float64
-    for j in range(n):
-        x = here[j]
-        o0, o1, o2, o3, o4, o5 = p0[j], p1[j], p2[j], p3[j], p4[j], p5[j]
-        a0 = o0 + w0[j] * (x - right[j])
-        a1 = o1 + w1 * (x - down[j])
-        a2 = o2 + w2[j] * (x - diagonal[j])
-        a3 = o3 + w3[j] * (x - antidiagonal[j])
-        a4 = o4 + w4[j] * (x - right2[j])
-        a5 = o5 + w5 * (x - down2[j])
-        square = a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3 + a4 * a4 + a5 * a5
-        s = rho / np.sqrt(max(np.float32(1), square))
-        p0[j] = keep * o0 + s * a0
-        p1[j] = keep * o1 + s * a1
-        p2[j] = keep * o2 + s * a2
-        p3[j] = keep * o3 + s * a3
-        p4[j] = keep * o4 + s * a4
-        p5[j] = keep * o5 + s * a5
-
-
-@njit(fastmath=True)
-def _squares(i, over, dual, up, squares):  # type: ignore[no-untyped-def]
-    """Add one channel's ‖dual + σ ∇over‖² at row i: half of `_ascend`, for channels and balls of any size."""
-    n = over.shape[1] - 4
-    here, right, right2 = over[i, 2 : 2 + n], over[i, 3 : 3 + n], over[i, 4 : 4 + n]
-    down, diagonal, antidiagonal = over[i + 1, 2 : 2 + n], over[i + 1, 3 : 3 + n], over[i + 1, 1 : 1 + n]
-    down2 = over[i + 2, 2 : 2 + n]
-    p0, p1, p2 = dual[0, i, 2 : 2 + n], dual[1, i, 2 : 2 + n], dual[2, i, 2 : 2 + n]
-    p3, p4, p5 = dual[3, i, 2 : 2 + n], dual[4, i, 2 : 2 + n], dual[5, i, 2 : 2 + n]
-    w0, w1, w2, w3, w4, w5 = up[0], up[1, 0], up[2], up[3], up[4], up[5, 0]
-    for j in range(n):
-        x = here[j]
-        a0 = p0[j] + w0[j] * (x - right[j])
-        a1 = p1[j] + w1 * (x - down[j])
-        a2 = p2[j] + w2[j] * (x - diagonal[j])
-        a3 = p3[j] + w3[j] * (x - antidiagonal[j])
-        a4 = p4[j] + w4[j] * (x - right2[j])
-        a5 = p5[j] + w5 * (x - down2[j])
-        squares[j] += a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3 + a4 * a4 + a5 * a5
-
-
-@njit(fastmath=True)
-def _scale(i, over, dual, up, factor, rho):  # type: ignore[no-untyped-def]
-    """The second half: dual ← (1 − ρ) dual + factor · (dual + σ ∇over), row i, one channel."""
-    n = over.shape[1] - 4
-    here, right, right2 = over[i, 2 : 2 + n], over[i, 3 : 3 + n], over[i, 4 : 4 + n]
-    down, diagonal, antidiagonal = over[i + 1, 2 : 2 + n], over[i + 1, 3 : 3 + n], over[i + 1, 1 : 1 + n]
-    down2 = over[i + 2, 2 : 2 + n]
-    p0, p1, p2 = dual[0, i, 2 : 2 + n], dual[1, i, 2 : 2 + n], dual[2, i, 2 : 2 + n]
-    p3, p4, p5 = dual[3, i, 2 : 2 + n], dual[4, i, 2 : 2 + n], dual[5, i, 2 : 2 + n]
-    w0, w1, w2, w3, w4, w5 = up[0], up[1, 0], up[2], up[3], up[4], up[5, 0]
-    keep = over.dtype.type(1) - rho  # a plain 1 would make it float64
-    for j in range(n):
-        x, s = here[j], factor[j]
-        t = keep + s
-        p0[j] = t * p0[j] + s * w0[j] * (x - right[j])
-        p1[j] = t * p1[j] + s * w1 * (x - down[j])
-        p2[j] = t * p2[j] + s * w2[j] * (x - diagonal[j])
-        p3[j] = t * p3[j] + s * w3[j] * (x - antidiagonal[j])
-        p4[j] = t * p4[j] + s * w4[j] * (x - right2[j])
-        p5[j] = t * p5[j] + s * w5 * (x - down2[j])
-
-
-@njit(fastmath=True)
-def _tilt(i, dual, up, slope, amount):  # type: ignore[no-untyped-def]
-    """dual ← dual + amount · σ · (the differences that the slope foretells), row i, one channel.
-
-    A loop by difference: all six arrays at once would be more than the compiler proves free of overlap.
-    """
-    n = slope.shape[2] - 4
-    down, right = slope[0, i, 2 : 2 + n], slope[1, i, 2 : 2 + n]
-    for k in range(6):
-        rows, columns = amount * _ROWS[k], amount * _COLUMNS[k]
-        p, w = dual[k, i, 2 : 2 + n], up[k]
+    if slope.shape[1] > 0:
+        fall, run = slope[0, i, 2 : 2 + n], slope[1, i, 2 : 2 + n]
         for j in range(n):
-            p[j] += w[j] * (rows * down[j] + columns * right[j])
+            v, s, r = here[j], fall[j], run[j]
+            g0, g1, g2 = v - right[j] + r, v - down[j] + s, v - diagonal[j] + s + r
+            g3, g4, g5 = v - antidiagonal[j] + s - r, v - right2[j] + r + r, v - down2[j] + s + s
+            near = w0[j] * g0 * g0 + w1 * g1 * g1 + w2[j] * g2 * g2
+            out[j] += near + w3[j] * g3 * g3 + w4[j] * g4 * g4 + w5 * g5 * g5
+    else:
+        for j in range(n):
+            v = here[j]
+            g0, g1, g2 = v - right[j], v - down[j], v - diagonal[j]
+            g3, g4, g5 = v - antidiagonal[j], v - right2[j], v - down2[j]
+            near = w0[j] * g0 * g0 + w1 * g1 * g1 + w2[j] * g2 * g2
+            out[j] += near + w3[j] * g3 * g3 + w4[j] * g4 * g4 + w5 * g5 * g5
 
 
-@njit(fastmath=True)
-def _descend(i, x, over, dual, down, shrink, pull, rho):  # type: ignore[no-untyped-def]
-    """x̂ = (x − τ ∇ᵀdual) · shrink + pull; over ← 2 x̂ − x; x ← x + ρ (x̂ − x), row i, one channel."""
-    n = over.shape[1] - 4
-    a0, b0 = dual[0, i, 2 : 2 + n], dual[0, i, 1 : 1 + n]
-    a1, b1 = dual[1, i, 2 : 2 + n], dual[1, i - 1, 2 : 2 + n]
-    a2, b2 = dual[2, i, 2 : 2 + n], dual[2, i - 1, 1 : 1 + n]
-    a3, b3 = dual[3, i, 2 : 2 + n], dual[3, i - 1, 3 : 3 + n]
-    a4, b4 = dual[4, i, 2 : 2 + n], dual[4, i, 0:n]
-    a5, b5 = dual[5, i, 2 : 2 + n], dual[5, i - 2, 2 : 2 + n]
-    here, ahead, by, toward = x[i, 2 : 2 + n], over[i, 2 : 2 + n], shrink[i, 2 : 2 + n], pull[i, 2 : 2 + n]
-    w0, w1, w2, w3, w4, w5 = down[0], down[1], down[2], down[3], down[4], down[5]
+@njit(fastmath=True, error_model="numpy")
+def _stiffen(squares, radius, epsilon, stiffness, sums):  # type: ignore[no-untyped-def]
+    """stiffness ← r / max(‖∇x − s‖, ε); add Σ r h(‖∇x − s‖) and a bound of Σ r (h(‖·‖) − ‖·‖).
+
+    h is the absolute value with its corner rounded to the parabola t² / (2 ε) + ε / 2 under ε.
+    """
+    n = squares.size
+    square, reach, out = squares[:n], radius[:n], stiffness[:n]
+    floor = epsilon * epsilon
+    whole = part = square.dtype.type(0)
     for j in range(n):
-        slope = w0 * (a0[j] - b0[j]) + w1 * (a1[j] - b1[j]) + w2 * (a2[j] - b2[j])
-        slope += w3 * (a3[j] - b3[j]) + w4 * (a4[j] - b4[j]) + w5 * (a5[j] - b5[j])
-        old = here[j]
-        new = (old - slope) * by[j] + toward[j]
-        ahead[j] = new + new - old
-        here[j] = old + rho * (new - old)
+        norm = np.sqrt(max(square[j], floor))
+        slack = reach[j] / norm
+        out[j] = slack
+        whole += reach[j] * norm
+        part += slack * square[j]
+    sums[0] += 0.5 * (float(whole) + float(part))
+    sums[1] += 0.5 * (float(whole) - float(part))
 
 
 @njit(fastmath=True)
-def _sweep(  # type: ignore[no-untyped-def]
-    ascend, descend, x, over, dual, weighted, radius, slope, shrink, pull, up, down, rho
-):
-    """One iteration over some rows: a row of the map moves once all groups that see it have moved."""
-    channels, rows = x.shape[0], x.shape[1] - 4
-    factor = np.empty(x.shape[2] - 4, x.dtype)
-    one = x.dtype.type(1)
-    tilted = slope.shape[2] > 0
-    for row in range(min(ascend[0], descend[0]), max(ascend[1], descend[1])):
-        i = row + PAD
-        if ascend[0] <= row < ascend[1]:
-            weights = up[max(0, row + 3 - rows)]
-            if channels == 1 and not weighted:
-                _ascend(i, over[0], dual[0], weights, rho)
-            else:
-                factor[:] = 0
-                for c in range(channels):
-                    if tilted:
-                        _tilt(i, dual[c], weights, slope[c], one)
-                    _squares(i, over[c], dual[c], weights, factor)
-                reach = radius[i, 2 : 2 + factor.size]
-                for j in range(factor.size):
-                    factor[j] = rho * reach[j] / np.sqrt(max(reach[j] * reach[j], factor[j]))
-                for c in range(channels):
-                    _scale(i, over[c], dual[c], weights, factor, rho)
-                    if tilted:  # _scale kept 1 − ρ of the tilt too
-                        _tilt(i, dual[c], weights, slope[c], rho - one)
-        if descend[0] <= row < descend[1]:
-            for c in range(channels):
-                _descend(i, x[c], over[c], dual[c], down, shrink, pull[c], rho)
+def _forward(i, x, up, stiffness, out):  # type: ignore[no-untyped-def]
+    """Add what a pixel's own differences pull it by, row i."""
+    n = x.shape[1] - 4
+    here, right, right2 = x[i, 2 : 2 + n], x[i, 3 : 3 + n], x[i, 4 : 4 + n]
+    down, diagonal, antidiagonal = x[i + 1, 2 : 2 + n], x[i + 1, 3 : 3 + n], x[i + 1, 1 : 1 + n]
+    down2, slack, target = x[i + 2, 2 : 2 + n], stiffness[2 : 2 + n], out[:n]
+    w0, w1, w2, w3, w4, w5 = up[0], up[1, 0], up[2], up[3], up[4], up[5, 0]
+    for j in range(n):
+        v = here[j]
+        near = w0[j] * (v - right[j]) + w1 * (v - down[j]) + w2[j] * (v - diagonal[j])
+        far = w3[j] * (v - antidiagonal[j]) + w4[j] * (v - right2[j]) + w5 * (v - down2[j])
+        target[j] += slack[j] * (near + far)
 
 
-@njit(parallel=True, fastmath=True, cache=True)
-def iterate(  # type: ignore[no-untyped-def]
-    iterations, x, over, dual, weighted, radius, slope, shrink, pull, up, down, rho
+@njit(fastmath=True)
+def _backward(i, x, weights, stiff, stiff1, stiff2, out):  # type: ignore[no-untyped-def]
+    """Add what the differences of the pixels before it pull a pixel by; stiffness of rows i, i − 1, i − 2."""
+    n = x.shape[1] - 4
+    here, left, left2 = x[i, 2 : 2 + n], x[i, 1 : 1 + n], x[i, 0:n]
+    above, corner, other, above2 = (
+        x[i - 1, 2 : 2 + n],
+        x[i - 1, 1 : 1 + n],
+        x[i - 1, 3 : 3 + n],
+        x[i - 2, 2 : 2 + n],
+    )
+    v0, v4, v1, v2 = stiff[1 : 1 + n], stiff[0:n], stiff1[2 : 2 + n], stiff1[1 : 1 + n]
+    v3, v5, target = stiff1[3 : 3 + n], stiff2[2 : 2 + n], out[:n]
+    w0, w1, w2, w3, w4, w5 = weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
+    for j in range(n):
+        v = here[j]
+        near = w0 * v0[j] * (v - left[j]) + w1 * v1[j] * (v - above[j]) + w2 * v2[j] * (v - corner[j])
+        far = w3 * v3[j] * (v - other[j]) + w4 * v4[j] * (v - left2[j]) + w5 * v5[j] * (v - above2[j])
+        target[j] += near + far
+
+
+@njit(fastmath=True)
+def _tilt_forward(slope, i, sums, stiffness, pulls, out):  # type: ignore[no-untyped-def]
+    """The slope's part of `_forward`; keeps stiffness · slope (2, columns) for `_tilt_backward`."""
+    n = out.size
+    fall, run, slack, target = slope[0, i, 2 : 2 + n], slope[1, i, 2 : 2 + n], stiffness[2 : 2 + n], out[:n]
+    down, right, falls, runs = pulls[0, 2 : 2 + n], pulls[1, 2 : 2 + n], sums[0], sums[1]
+    for j in range(n):
+        down[j] = slack[j] * fall[j]
+    for j in range(n):
+        right[j] = slack[j] * run[j]
+    for j in range(n):
+        target[j] += falls[j] * down[j] + runs[j] * right[j]
+
+
+@njit(fastmath=True)
+def _tilt_backward(pulls, pulls1, pulls2, weights, out):  # type: ignore[no-untyped-def]
+    """The slope's part of `_backward`."""
+    n = out.size
+    r0, r4, s1, s2 = pulls[1, 1 : 1 + n], pulls[1, 0:n], pulls1[0, 2 : 2 + n], pulls1[0, 1 : 1 + n]
+    r2, s3, r3, s5 = pulls1[1, 1 : 1 + n], pulls1[0, 3 : 3 + n], pulls1[1, 3 : 3 + n], pulls2[0, 2 : 2 + n]
+    w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
+    w4, w5, target = weights[4] + weights[4], weights[5] + weights[5], out[:n]
+    for j in range(n):
+        near = w0 * r0[j] + w1 * s1[j] + w2 * (s2[j] + r2[j])
+        target[j] -= near + w3 * (s3[j] - r3[j]) + w4 * r4[j] + w5 * s5[j]
+
+
+@njit(fastmath=True, error_model="numpy")
+def _precondition(stiff, stiff1, stiff2, total, weights, curvature, out):  # type: ignore[no-untyped-def]
+    """out = −1 / (curvature of the data + diagonal of the majorant's operator), one row."""
+    n = out.size
+    here, left, left2 = stiff[2 : 2 + n], stiff[1 : 1 + n], stiff[0:n]
+    above, corner, other = stiff1[2 : 2 + n], stiff1[1 : 1 + n], stiff1[3 : 3 + n]
+    above2, data, own, target = stiff2[2 : 2 + n], curvature[:n], total[:n], out[:n]
+    w0, w1, w2, w3, w4, w5 = weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
+    for j in range(n):
+        near = own[j] * here[j] + w0 * left[j] + w1 * above[j] + w2 * corner[j]
+        target[j] = -1 / (data[j] + near + w3 * other[j] + w4 * left2[j] + w5 * above2[j])
+
+
+@njit(fastmath=True)
+def _turn(gradient, scale, step, data, direction, sums):  # type: ignore[no-untyped-def]
+    """direction = scale · gradient, and its products, one row."""
+    n = gradient.size
+    g, by, d, f, z = gradient[:n], scale[:n], step[:n], data[:n], direction[:n]
+    gz = gd = fz = fd = g.dtype.type(0)
+    for j in range(n):
+        new = g[j] * by[j]
+        z[j] = new
+        gz += g[j] * new
+        gd += g[j] * d[j]
+        fz += f[j] * new
+        fd += f[j] * d[j]
+    sums[2] += gz
+    sums[3] += gd
+    sums[4] += fz
+    sums[5] += fd
+
+
+@njit(parallel=True, cache=True)
+def descend(  # type: ignore[no-untyped-def]
+    x, slope, radius, epsilon, up, weights, curvature, data, step, stiffness, direction
 ):
-    """Run iterations in place: tiles of rows side by side, then the two rows either side of each seam.
+    """Stiffness and preconditioned descent direction at a map.
 
     Args:
-        iterations: how many, with the same `shrink` and `pull`.
-        x, over: (C, rows, columns), padded; the map and its extrapolation.
-        dual: (C, 6, rows, columns), padded.
-        weighted: whether the groups' balls have other radii than 1; radius: (rows, columns), padded.
-        slope: (C, 2, rows, columns), padded: the fall per row and per column that costs nothing, or
-            (C, 2, 0, 0) = level; a slope counts as weighted.
-        shrink: (rows, columns), padded; pull: (C, rows, columns), padded: the data term's step.
-        up: (3, 6, columns) and down: (6,), the differences' weights times the dual and the primal step.
-        rho: over-relaxation, from 1 up to below 2.
+        x: (C, rows + 4, columns + 4), the map; slope: (C, 2, …) or (C, 2, 0, 0) = level; all padded by 2.
+        radius: (…), r by pixel; epsilon: a number of x's type, ε.
+        up: (3, 6, columns) and weights: (6,), the squared weights of the differences.
+        curvature: (…), of the data term by pixel; data: (C, …), its gradient; step: (C, …), the last step.
+        stiffness: (…), out; direction: (C, …), out.
+
+    Returns:
+        (6,) float64: Σ r ‖∇x − s‖, what smooth corners of width ε hide of it, and the products of the
+        objective's gradient with direction and step, and of the data's gradient with direction and step.
     """
-    rows = x.shape[1] - 4
+    channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
     tiles = max(1, rows // _TILE_ROWS)
-    for _ in range(iterations):
-        for phase in range(2):
-            for tile in prange(tiles - phase):
-                top, end = tile * rows // tiles, (tile + 1) * rows // tiles
-                if phase == 0:
-                    last = rows if tile == tiles - 1 else end - PAD
-                    ascend = (top, last)
-                    descend = (0 if tile == 0 else top + PAD, last)
-                else:
-                    ascend = (end - PAD, end)
-                    descend = (end - PAD, end + PAD)
-                _sweep(ascend, descend, x, over, dual, weighted, radius, slope, shrink, pull, up, down, rho)
+    sums = np.zeros((tiles, 6))
+    tilted = slope.shape[2] > 0
+    own, tilts = np.zeros((3, n), x.dtype), np.zeros((3, 2, n), x.dtype)
+    for kind in range(3):
+        for k in range(6):
+            for j in range(n):
+                own[kind, j] += up[kind, k, j]
+                tilts[kind, 0, j] += _ROWS[k] * up[kind, k, j]
+                tilts[kind, 1, j] += _COLUMNS[k] * up[kind, k, j]
+    for tile in prange(tiles):
+        top, end = tile * rows // tiles, (tile + 1) * rows // tiles
+        ring, pulls = np.zeros((3, n + 4), x.dtype), np.zeros((3, channels, 2, n + 4), x.dtype)
+        scratch = np.zeros((3, n), x.dtype)
+        squares, scale, gradient = scratch[0], scratch[1], scratch[2]
+        none = np.zeros(6)
+        for row in range(max(0, top - 2), end):
+            i, kind, now, last, before = (
+                row + 2,
+                max(0, row + 3 - rows),
+                row % 3,
+                (row + 2) % 3,
+                (row + 1) % 3,
+            )
+            squares[:] = 0
+            for c in range(channels):
+                _add_squares(i, x[c], slope[c], up[kind], squares)
+            out = sums[tile] if row >= top else none
+            _stiffen(squares, radius[i, 2 : 2 + n], epsilon, ring[now, 2 : 2 + n], out)
+            if row >= top:
+                stiffness[i] = ring[now]
+                _precondition(
+                    ring[now], ring[last], ring[before], own[kind], weights, curvature[i, 2 : 2 + n], scale
+                )
+            for c in range(channels):
+                gradient[:] = data[c, i, 2 : 2 + n]
+                _forward(i, x[c], up[kind], ring[now], gradient)
+                if tilted:
+                    _tilt_forward(slope[c], i, tilts[kind], ring[now], pulls[now, c], gradient)
+                if row >= top:
+                    _backward(i, x[c], weights, ring[now], ring[last], ring[before], gradient)
+                    if tilted:
+                        _tilt_backward(pulls[now, c], pulls[last, c], pulls[before, c], weights, gradient)
+                    _turn(
+                        gradient,
+                        scale,
+                        step[c, i, 2 : 2 + n],
+                        data[c, i, 2 : 2 + n],
+                        direction[c, i, 2 : 2 + n],
+                        out,
+                    )
+    return sums.sum(axis=0)
 
 
 @njit(fastmath=True)
-def _gradient_squares(row, x, up, slope, square):  # type: ignore[no-untyped-def]
-    """Add ‖∇x − what the slope foretells‖² of a row, all channels."""
-    channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
-    weights = up[max(0, row + 3 - rows)]
-    w0, w1, w2, w3, w4, w5 = weights[0], weights[1, 0], weights[2], weights[3], weights[4], weights[5, 0]
-    level = np.zeros(n, x.dtype)
-    for c in range(channels):
-        falls, runs = level, level
-        if slope.shape[2] > 0:
-            falls, runs = slope[c, 0, row + 2, 2 : 2 + n], slope[c, 1, row + 2, 2 : 2 + n]
-        a, b, d = x[c, row + 2], x[c, row + 3], x[c, row + 4]
-        here, right, right2 = a[2 : 2 + n], a[3 : 3 + n], a[4 : 4 + n]
-        down, diagonal, antidiagonal, down2 = b[2 : 2 + n], b[3 : 3 + n], b[1 : 1 + n], d[2 : 2 + n]
-        for j in range(n):
-            v, s, r = here[j], falls[j], runs[j]
-            g0, g1 = w0[j] * (v - right[j] + r), w1 * (v - down[j] + s)
-            g2, g3 = w2[j] * (v - diagonal[j] + s + r), w3[j] * (v - antidiagonal[j] + s - r)
-            g4, g5 = w4[j] * (v - right2[j] + r + r), w5 * (v - down2[j] + s + s)
-            square[j] += g0 * g0 + g1 * g1 + g2 * g2 + g3 * g3 + g4 * g4 + g5 * g5
+def _add_bends(i, direction, step, stiffness, up, sums):  # type: ignore[no-untyped-def]
+    """Add ⟨z, Lz⟩, ⟨z, Ld⟩, ⟨d, Ld⟩ of row i, L the majorant's operator, one channel."""
+    n = direction.shape[1] - 4
+    a, b = direction[i, 2 : 2 + n], step[i, 2 : 2 + n]
+    a0, a4, b0, b4 = direction[i, 3 : 3 + n], direction[i, 4 : 4 + n], step[i, 3 : 3 + n], step[i, 4 : 4 + n]
+    a1, a2, a3 = direction[i + 1, 2 : 2 + n], direction[i + 1, 3 : 3 + n], direction[i + 1, 1 : 1 + n]
+    b1, b2, b3 = step[i + 1, 2 : 2 + n], step[i + 1, 3 : 3 + n], step[i + 1, 1 : 1 + n]
+    a5, b5, slack = direction[i + 2, 2 : 2 + n], step[i + 2, 2 : 2 + n], stiffness[i, 2 : 2 + n]
+    w0, w1, w2, w3, w4, w5 = up[0], up[1, 0], up[2], up[3], up[4], up[5, 0]
+    zz = zd = dd = direction.dtype.type(0)
+    for j in range(n):
+        z, d = a[j], b[j]
+        z0, z1, z2, z3, z4, z5 = z - a0[j], z - a1[j], z - a2[j], z - a3[j], z - a4[j], z - a5[j]
+        d0, d1, d2, d3, d4, d5 = d - b0[j], d - b1[j], d - b2[j], d - b3[j], d - b4[j], d - b5[j]
+        y0, y1, y2, y3, y4, y5 = w0[j] * z0, w1 * z1, w2[j] * z2, w3[j] * z3, w4[j] * z4, w5 * z5
+        far = w3[j] * d3 * d3 + w4[j] * d4 * d4 + w5 * d5 * d5
+        zz += slack[j] * (y0 * z0 + y1 * z1 + y2 * z2 + y3 * z3 + y4 * z4 + y5 * z5)
+        zd += slack[j] * (y0 * d0 + y1 * d1 + y2 * d2 + y3 * d3 + y4 * d4 + y5 * d5)
+        dd += slack[j] * (w0[j] * d0 * d0 + w1 * d1 * d1 + w2[j] * d2 * d2 + far)
+    sums[0] += zz
+    sums[1] += zd
+    sums[2] += dd
 
 
-@njit(parallel=True, fastmath=True, cache=True)
-def total(x, radius, slope, up):  # type: ignore[no-untyped-def]
-    """Σ radius ‖∇x − slope‖₂ over pixels, all channels in one group; `up` made for a dual step of 1."""
-    rows = x.shape[1] - 4
-    sums = np.zeros(rows)
+@njit(fastmath=True)
+def _add_products(direction, step, curved_direction, curved_step, sums):  # type: ignore[no-untyped-def]
+    """The same of the data term's operator, whose products with both are given."""
+    n = direction.size
+    z, d, u, v = direction[:n], step[:n], curved_direction[:n], curved_step[:n]
+    zz = zd = dd = direction.dtype.type(0)
+    for j in range(n):
+        zz += z[j] * u[j]
+        zd += d[j] * u[j]
+        dd += d[j] * v[j]
+    sums[3] += zz
+    sums[4] += zd
+    sums[5] += dd
+
+
+@njit(parallel=True, cache=True)
+def curvatures(direction, step, curved_direction, curved_step, stiffness, up):  # type: ignore[no-untyped-def]
+    """(6,) float64: the majorant's and then the data's ⟨z, Hz⟩, ⟨z, Hd⟩, ⟨d, Hd⟩, z direction, d step."""
+    channels, rows, n = direction.shape[0], direction.shape[1] - 4, direction.shape[2] - 4
+    sums = np.zeros((rows, 6))
     for row in prange(rows):
-        n = x.shape[2] - 4
-        square = np.zeros(n, x.dtype)
-        _gradient_squares(row, x, up, slope, square)
-        value, reach = 0.0, radius[row + 2, 2 : 2 + n]
-        for j in range(n):
-            value += reach[j] * np.sqrt(square[j])
-        sums[row] = value
-    return sums.sum()
+        i = row + 2
+        for c in range(channels):
+            _add_bends(i, direction[c], step[c], stiffness, up[max(0, row + 3 - rows)], sums[row])
+            _add_products(
+                direction[c, i, 2 : 2 + n],
+                step[c, i, 2 : 2 + n],
+                curved_direction[c, i, 2 : 2 + n],
+                curved_step[c, i, 2 : 2 + n],
+                sums[row],
+            )
+    return sums.sum(axis=0)
 
 
 @njit(parallel=True, fastmath=True, cache=True)
+def advance(a, b, x, data, direction, step, curved_direction, curved_step):  # type: ignore[no-untyped-def]
+    """step ← a · direction + b · step, which is added to x; the same of their curved ones, added to data."""
+    for row in prange(x.shape[1]):
+        for c in range(x.shape[0]):
+            at, z, d = x[c, row], direction[c, row], step[c, row]
+            for j in range(at.size):
+                d[j] = a * z[j] + b * d[j]
+                at[j] += d[j]
+            slope, u, v = data[c, row], curved_direction[c, row], curved_step[c, row]
+            for j in range(slope.size):
+                v[j] = a * u[j] + b * v[j]
+                slope[j] += v[j]
+
+
+@njit(parallel=True, cache=True)
 def norms(x, slope, up, out):  # type: ignore[no-untyped-def]
-    """out (rows + 4, columns + 4) ← ‖∇x − slope‖₂ by pixel; `up` made for a dual step of 1."""
-    rows = x.shape[1] - 4
+    """out (rows + 4, columns + 4) ← ‖∇x − slope‖₂ by pixel, all channels in one group."""
+    channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
     for row in prange(rows):
-        n = x.shape[2] - 4
-        square = np.zeros(n, x.dtype)
-        _gradient_squares(row, x, up, slope, square)
-        target = out[row + 2, 2 : 2 + n]
-        for j in range(n):
-            target[j] = np.sqrt(square[j])
+        squares = np.zeros(n, x.dtype)
+        for c in range(channels):
+            _add_squares(row + 2, x[c], slope[c], up[max(0, row + 3 - rows)], squares)
+        out[row + 2, 2 : 2 + n] = np.sqrt(squares)
 
 
 @njit(parallel=True, fastmath=True, cache=True)
-def project(dual, radius):  # type: ignore[no-untyped-def]
-    """Bring every group of dual (C, 6, rows, columns) into its ball, which over-relaxation may leave."""
-    channels, rows, columns = dual.shape[0], dual.shape[2], dual.shape[3]
-    for i in prange(rows):
-        square = np.zeros(columns, dual.dtype)
+def duals(x, slope, stiffness, up, out):  # type: ignore[no-untyped-def]
+    """out (C, 6, rows + 4, columns + 4) ← stiffness · (∇x − slope), every group in its ball."""
+    channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
+    for row in prange(rows):
+        i, weights = row + 2, np.sqrt(up[max(0, row + 3 - rows)])
         for c in range(channels):
             for k in range(6):
-                row = dual[c, k, i]
-                for j in range(columns):
-                    square[j] += row[j] * row[j]
-        reach = radius[i]
-        for j in range(columns):
-            square[j] = reach[j] / np.sqrt(max(reach[j] * reach[j], square[j], np.float32(1e-30)))
-        for c in range(channels):
-            for k in range(6):
-                row = dual[c, k, i]
-                for j in range(columns):
-                    row[j] *= square[j]
+                down, right = _ROWS[k], _COLUMNS[k]
+                here, there = x[c, i, 2 : 2 + n], x[c, i + down, 2 + right : 2 + right + n]
+                for j in range(n):
+                    difference = here[j] - there[j]
+                    if slope.shape[2] > 0:
+                        difference += down * slope[c, 0, i, 2 + j] + right * slope[c, 1, i, 2 + j]
+                    out[c, k, i, 2 + j] = stiffness[i, 2 + j] * weights[k, j] * difference
 
 
 @njit(parallel=True, fastmath=True, cache=True)
@@ -287,10 +355,10 @@ def transpose(dual, weights, out):  # type: ignore[no-untyped-def]
             out[row, j] = slope + w4 * (float(a4[j]) - b4[j]) + w5 * (float(a5[j]) - b5[j])
 
 
-def tables(weights: NDArray[np.floating], columns: int, step: float) -> NDArray[np.floating]:
-    """`up` for an image of this many columns: the weights (6,) times the step, 0 where they leave it."""
+def tables(weights: NDArray[np.floating], columns: int) -> NDArray[np.floating]:
+    """`up` for an image of this many columns: the squared weights (6,), 0 where a difference leaves it."""
     up = np.empty((3, 6, columns), weights.dtype)
-    up[:] = (weights * weights.dtype.type(step))[:, None]
+    up[:] = (weights**2)[:, None]
     up[:, [0, 2], columns - 1 :] = 0
     up[:, 3, :1] = 0
     up[:, 4, max(0, columns - 2) :] = 0

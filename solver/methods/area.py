@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from solver.fill import smoothed
 from solver.footprint import AreaTerm
+from solver.memory_gradient import start
 from solver.noise import spread, usual_deviation
-from solver.primal_dual import start, warm
 from solver.prior import Prior
 from solver.problem import Problem, Solution
 from solver.result import Progress
-from solver.reweighting import Reweighting, minimise_reweighted
+from solver.reweighting import Reweighting, Unit, minimise_reweighted
 from solver.sampling import sample
 
 _NOISE, _CLEAN = 0.16, 0.0006
@@ -44,22 +44,16 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     term = AreaTerm(values[None], weights, problem.positions, factor, problem.options.footprint)
     mean = np.where(seen, (samples.mean - middle) / strength, 0).astype(np.float32)
     first = smoothed(mean, samples.weight, factor)
-    if initial is not None:
-        known = np.isfinite(initial.distance)
-        first = np.where(known, (initial.distance - middle) / strength, first).astype(np.float32)
     m = term.margin
-    state = start(np.pad(first, m, mode="edge")[None])
-    if initial is not None:
-        warm(state, initial.dual)
     extent = max(spread(problem.distance), strength)
-    outcome = minimise_reweighted(
+    outcome, trail = minimise_reweighted(
         term,
         Prior(problem.options.neighbourhood),
-        state,
+        start(np.pad(first, m, mode="edge")[None]),
         Reweighting(_PASSES, _GAIN, _EPSILON * extent / strength, _EDGE * extent / strength),
-        tolerance=problem.options.tolerance,
-        limit=problem.options.max_iterations,
-        scale=strength**2,
+        unit=Unit(strength, middle),
+        options=problem.options,
+        trail=initial.trail if initial is not None else None,
         progress=progress,
     )
     inner = outcome.state.x[0, 2 + m : -2 - m, 2 + m : -2 - m]
@@ -71,8 +65,8 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         outcome.objective * strength**2,
         outcome.gap,
         outcome.converged,
-        outcome.state.dual,
-        strength / usual_deviation(problem),
+        relative=strength / usual_deviation(problem),
+        trail=trail,
     )
 
 

@@ -9,11 +9,12 @@ CVPR 2009. The whole image is solved at once; W_k is sparse (one fused pixel und
 import numpy as np
 
 from solver.fill import smoothed
+from solver.memory_gradient import start
 from solver.noise import spread, usual_deviation
-from solver.primal_dual import minimise, start, warm
 from solver.prior import Prior
 from solver.problem import Problem, Solution
 from solver.result import Progress
+from solver.reweighting import Reweighting, Unit, minimise_reweighted
 from solver.sampling import SparseTerm, sample
 
 _NOISE, _MIXING = 1.2, 0.01
@@ -31,19 +32,14 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     middle = 0.5 * (float(samples.mean[seen].min()) + float(samples.mean[seen].max()))
     mean = np.where(seen, (samples.mean - middle) / strength, 0).astype(np.float32)
     first = smoothed(mean, samples.weight, problem.options.upsampling)
-    if initial is not None:
-        known = np.isfinite(initial.distance)
-        first = np.where(known, (initial.distance - middle) / strength, first).astype(np.float32)
-    state = start(first[None])
-    if initial is not None:
-        warm(state, initial.dual)
-    outcome = minimise(
+    outcome, trail = minimise_reweighted(
         SparseTerm(samples.weight, mean, samples.constant / strength**2),
         Prior(problem.options.neighbourhood),
-        state,
-        tolerance=problem.options.tolerance,
-        limit=problem.options.max_iterations,
-        scale=strength**2,
+        start(first[None]),
+        Reweighting(),
+        unit=Unit(strength, middle),
+        options=problem.options,
+        trail=initial.trail if initial is not None else None,
         progress=progress,
     )
     fused = outcome.state.x[0, 2:-2, 2:-2] * np.float32(strength) + np.float32(middle)
@@ -55,8 +51,8 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         outcome.objective * strength**2,
         outcome.gap,
         outcome.converged,
-        outcome.state.dual,
-        strength / usual_deviation(problem),
+        relative=strength / usual_deviation(problem),
+        trail=trail,
     )
 
 

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from solver.errors import FusionInputError
 from solver.fill import smoothed
 from solver.footprint import AreaTerm
+from solver.memory_gradient import State, start
 from solver.plausibility import plausible
-from solver.primal_dual import State, start, warm
 from solver.prior import Prior
 from solver.problem import Problem, Solution
 from solver.result import Progress
-from solver.reweighting import Reweighting, minimise_reweighted
+from solver.reweighting import Reweighting, Unit, minimise_reweighted
 from solver.sampling import sample
 from solver.unmixing import unmix
 
@@ -59,16 +59,14 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     weights = used.astype(np.float32)
     term = AreaTerm(values, weights, problem.positions, factor, problem.options.footprint)
     state = _first(values, weights, problem, term.margin)
-    if initial is not None and initial.amplitude is not None:
-        _warm(state, initial, usual * strength, turn, term.margin)
-    outcome = minimise_reweighted(
+    outcome, trail = minimise_reweighted(
         term,
         Prior(problem.options.neighbourhood),
         state,
         Reweighting(_PASSES, _GAIN, _EPSILON / strength, _EDGE / strength),
-        tolerance=problem.options.tolerance,
-        limit=problem.options.max_iterations,
-        scale=(strength * usual) ** 2,
+        unit=Unit(strength * usual),
+        options=problem.options,
+        trail=initial.trail if initial is not None else None,
         progress=progress,
     )
     inner = slice(2 + term.margin, -2 - term.margin)
@@ -85,8 +83,8 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         outcome.objective * (strength * usual) ** 2,
         outcome.gap,
         outcome.converged,
-        outcome.state.dual,
-        strength / max(sigma, 1e-12),
+        relative=strength / max(sigma, 1e-12),
+        trail=trail,
     )
 
 
@@ -98,15 +96,3 @@ def _first(values: NDArray[np.float32], weights: NDArray[np.float32], problem: P
         first = smoothed(samples.mean, samples.weight, problem.options.upsampling)
         channels.append(np.pad(first, margin, mode="edge"))
     return start(np.stack(channels))
-
-
-def _warm(state: State, initial: Solution, unit: float, turn: float, margin: int) -> None:
-    """Start from another map where it is known."""
-    if initial.amplitude is None:
-        return
-    known = np.isfinite(initial.distance) & np.isfinite(initial.amplitude)
-    size, phase = initial.amplitude[known] / unit, initial.distance[known] * turn
-    inner = slice(2 + margin, -2 - margin)
-    for channel, part in zip(state.x, (np.cos(phase), np.sin(phase)), strict=True):
-        channel[inner, inner][known] = size * part
-    warm(state, initial.dual)

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from solver.footprint import AreaTerm
+from solver.memory_gradient import Outcome, Term, minimise, start
 from solver.options import NEIGHBOURHOOD, Footprint
 from solver.positions import sample_positions
-from solver.primal_dual import Outcome, Term, minimise, start
 from solver.prior import Prior
 from solver.sampling import SparseTerm
 
@@ -43,7 +43,7 @@ def solve(objective: cp.Expression, solver: str) -> float:
 
 
 def run(term: Term, first: np.ndarray) -> Outcome:
-    return minimise(term, Prior(), start(first), tolerance=1e-9, limit=20000)
+    return minimise(term, Prior(), start(first), tolerance=1e-13, limit=3000, rounding=1e-5)
 
 
 @pytest.mark.parametrize("solver", ["CLARABEL", "SCS"])

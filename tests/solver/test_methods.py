@@ -11,8 +11,8 @@ from conftest import Burst, burst
 from solver import Footprint, FusionOptions, FusionWarning, fuse
 from solver.fill import smoothed
 from solver.footprint import AreaTerm
+from solver.memory_gradient import State, Term, minimise, start
 from solver.positions import sample_positions
-from solver.primal_dual import State, Term, minimise, start
 from solver.prior import Prior
 from solver.sampling import SparseTerm, sample
 

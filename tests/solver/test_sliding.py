@@ -31,9 +31,11 @@ def test_a_window_gives_what_fuse_gives(method: str) -> None:
     assert streamed.report.used == (2, 3, 4, 5)
     whole = fuse(stack[2:], shifts=SHIFTS[2:], options=options)
     np.testing.assert_allclose(streamed.shifts, SHIFTS[2:])
-    # Two solves stopped at an objective error of 1e-3 each, compared with noise of 5 mm.
+    # Compared with noise of 5 mm. Near the border few samples say where a transition lies, and its place
+    # depends on the start.
     difference = streamed.distance - whole.distance
-    assert np.sqrt(np.nanmean(difference**2)) < 0.0025
+    assert np.sqrt(np.nanmean(difference**2)) < 0.005
+    assert np.sqrt(np.nanmean(difference[12:-12, 12:-12] ** 2)) < 0.0025
     if method == "lidarboost":  # one convex problem, whatever the start
         assert streamed.report.objective == pytest.approx(whole.report.objective, rel=5e-3)
 
