@@ -83,7 +83,7 @@ def _multiply(S, images, products):  # type: ignore[no-untyped-def]
     return total
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
 def _energy(diagonal, residual):  # type: ignore[no-untyped-def]
     channels, rows, columns = residual.shape
     total = 0.0
@@ -96,7 +96,7 @@ def _energy(diagonal, residual):  # type: ignore[no-untyped-def]
     return total
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
 def _turn(diagonal, residual, direction, ratio):  # type: ignore[no-untyped-def]
     channels, rows, columns = residual.shape
     keep = np.float32(ratio)
@@ -106,7 +106,7 @@ def _turn(diagonal, residual, direction, ratio):  # type: ignore[no-untyped-def]
                 direction[h, i, j] = residual[h, i, j] / diagonal[i, j] + keep * direction[h, i, j]
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
 def _advance(diagonal, image, residual, direction, product, step):  # type: ignore[no-untyped-def]
     channels, rows, columns = residual.shape
     length = np.float32(step)

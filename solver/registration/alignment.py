@@ -1,43 +1,31 @@
 """Hierarchical Lucas–Kanade, first against the reference, then all frames against their mosaic."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import replace
-
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import RegistrationError
 from solver.geometry import rotations_to_shifts, shifts_to_rotations
 from solver.registration.gauss_newton import POSITION_ERROR, Equations, normal_equations, solve_steps
-from solver.registration.mosaic import Grid, Mosaic, build_mosaic, resampled, steep_samples
+from solver.registration.mosaic import Grid, Mosaic, Place, build_mosaic, resampled, steep_blocks
 from solver.registration.motion import Motion, Turn
+from solver.registration.points import Points
 from solver.registration.samples import Samples
 from solver.registration.start import search_shifts
 
 Float = NDArray[np.float64]
+Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 
 FEWEST = 0.05  # share of valid pixels under which a frame cannot be placed
 OVERLAP = 0.3  # share of a frame's pixels that the other frames must cover
-STEP = 0.006  # pixels; the next step would be a third of it
+STEP = 0.05  # pixels; the next step would be a fifth of it
+RELAXATION = 1.2  # a step against the common mosaic falls short, as each frame is part of it
 COARSE_STEP = 0.2  # pixels; the finer level goes on
 ALIASED = 0.2  # pixels; position error of a mosaic of one frame, whose edges alias
 DENSITY = 1.83  # nodes per pixel; two is the Nyquist limit of the footprint's first zero, 1.6 blurs
-LITTLE = 50_000  # samples, about a millisecond of work
+PAIRWISE, FINE = 4, 8  # steps at most
 SMOOTHING = 3.0  # λ; a tenth lets noise into the mosaic and biases high noise, ten times blurs it
 SWEEPS = 2  # of conjugate gradients per Gauss–Newton step; six times as many change nothing
-
-
-@contextmanager
-def worthwhile_threads(samples: int) -> Iterator[None]:
-    """One thread for little work: waking another takes longer, on a busy machine by far."""
-    before = numba.get_num_threads()
-    numba.set_num_threads(before if samples > LITTLE else 1)
-    try:
-        yield
-    finally:
-        numba.set_num_threads(before)
 
 
 class Alignment:
@@ -98,12 +86,13 @@ class Alignment:
     def align_together(self) -> None:
         """Refine all frames against their common mosaic, coarse to fine; reject what still does not fit."""
         for _ in range(3):  # rejecting a frame changes the mosaic, so the rest is refined again
-            samples, coarser = self.levels[0], None
+            blocks, coarser = None, None
             if len(self.levels) > 1:
-                _, coarser = self._refine_jointly(self.levels[1], most=1)
-                near = self._positions(samples) * np.float32(0.5) - np.float32(0.25)  # on the pooled grid
-                samples = replace(samples, weights=samples.weights * steep_samples(coarser, near))
-            equations, _ = self._refine_jointly(samples, most=8, coarser=coarser)
+                points = self._points(self.levels[1])
+                coarser = self._refine_jointly(points)
+                blocks = steep_blocks(coarser, points, self._place(points)) & self.active[:, None, None]
+            points = self._points(self.levels[0], blocks)
+            equations = self._refine_staggered(points, coarser)
             misfits = self._misfits(equations)
             if not misfits:
                 return
@@ -130,48 +119,64 @@ class Alignment:
         return start
 
     def _refine_pairwise(self) -> Equations:
-        """Against the reference alone, on the pooled levels."""
-        for samples in self.levels[:0:-1] or self.levels:
-            with worthwhile_threads(samples.weights.size):
-                mosaic = self._reference_mosaic(samples)
-                for _ in range(4):
-                    equations = self._equations(samples, mosaic, ALIASED)
-                    if self._step(equations, hold_reference=True) < COARSE_STEP:
-                        break
-        return self._equations(samples, mosaic, ALIASED)
+        """Against the reference alone, on the coarsest level."""
+        points = self._points(self.levels[-1])
+        mosaic = self._reference_mosaic(points)
+        for _ in range(PAIRWISE):
+            equations = self._equations(points, self._place(points), mosaic, ALIASED)
+            if self._step(equations, hold_reference=True) < COARSE_STEP:
+                break
+        return self._equations(points, self._place(points), mosaic, ALIASED)
 
-    def _reference_mosaic(self, samples: Samples) -> Mosaic:
-        one = slice(self.reference, self.reference + 1)
-        positions = self.motion.positions(np.zeros((1, 3)), samples.shape, samples.level)
-        grid = Grid.over(positions, density=1.0)
-        with worthwhile_threads(samples.weights[one].size):
-            return build_mosaic(
-                samples.values[:, one], samples.weights[one], positions, grid, smoothing=0.3, sweeps=8
-            )
+    def _reference_mosaic(self, points: Points) -> Mosaic:
+        own = points.frame(self.reference)
+        place = self.motion.place(own, np.zeros((1, 3)))
+        grid = Grid.over(place, own.shape, density=1.0)
+        return build_mosaic(own, place, grid, smoothing=0.3, sweeps=8)
 
-    def _refine_jointly(
-        self, samples: Samples, most: int, coarser: Mosaic | None = None
-    ) -> tuple[Equations, Mosaic]:
-        """Against the mosaic of all frames that are not rejected."""
-        weights = samples.weights * self.active[:, None, None]
-        positions = self._positions(samples)
-        grid = Grid.over(positions[self.active], DENSITY)
+    def _refine_jointly(self, points: Points) -> Mosaic:
+        """One step against the mosaic of all frames; for coarse levels."""
+        place = self._place(points)
+        mosaic, _, _ = self._joint_step(points, place, Grid.over(place, points.shape, DENSITY), None)
+        return mosaic
+
+    def _refine_staggered(self, points: Points, coarser: Mosaic | None) -> Equations:
+        """Against mosaics on two grids by turns, half a node apart; the result is the mean of the last two.
+
+        Where a frame's pixels lie between the nodes biases its displacement by about a hundredth of a pixel,
+        the reference's too, which then is in all others. Half a node on the bias has mostly the other sign.
+        """
+        place = self._place(points)
+        grid = Grid.over(place, points.shape, DENSITY)
         start = None if coarser is None else resampled(coarser, grid, factor=0.5)
-        while True:
-            mosaic = build_mosaic(
-                samples.values, weights, positions, grid, smoothing=SMOOTHING, sweeps=SWEEPS, start=start
-            )
-            equations = normal_equations(samples, positions, mosaic, self.motion, POSITION_ERROR)
-            most -= 1
-            if self._step(equations, hold_reference=False) < STEP or most == 0:
-                return equations, mosaic
-            positions, start = self._positions(samples), mosaic.values
+        for step in range(FINE):
+            before = self.parameters
+            mosaic, equations, moved = self._joint_step(points, place, grid, start)
+            if step > 0 and moved < STEP:
+                break
+            place, grid = self._place(points), grid.staggered(step)
+            start = resampled(mosaic, grid, factor=1.0)
+        self.parameters = (before + self.parameters) / 2
+        return equations
 
-    def _equations(self, samples: Samples, mosaic: Mosaic, position_error: float) -> Equations:
-        return normal_equations(samples, self._positions(samples), mosaic, self.motion, position_error)
+    def _joint_step(
+        self, points: Points, place: Place, grid: Grid, start: Image | None
+    ) -> tuple[Mosaic, Equations, float]:
+        mosaic = build_mosaic(points, place, grid, smoothing=SMOOTHING, sweeps=SWEEPS, start=start)
+        equations = self._equations(points, place, mosaic, POSITION_ERROR)
+        return mosaic, equations, self._step(equations, hold_reference=False)
 
-    def _positions(self, samples: Samples) -> NDArray[np.float32]:
-        return self.motion.positions(self.parameters, samples.shape, samples.level)
+    def _points(self, samples: Samples, blocks: Mask | None = None) -> Points:
+        base = self.motion.base(samples)
+        if blocks is None:
+            return Points.of(samples, base, self.active)
+        return Points.within(samples, base, blocks)
+
+    def _equations(self, points: Points, place: Place, mosaic: Mosaic, position_error: float) -> Equations:
+        return normal_equations(points, place, mosaic, self.motion, position_error)
+
+    def _place(self, points: Points) -> Place:
+        return self.motion.place(points, self.parameters)
 
     def _step(self, equations: Equations, hold_reference: bool) -> float:
         """Move every frame; return the largest step in pixels."""
@@ -179,7 +184,7 @@ class Alignment:
         stiffness = 1 / ((2.0 if self.guided else 5.0) * unit) ** 2
         steps, self.covariance = solve_steps(equations, self.guess - self.parameters, stiffness, unit)
         limit = 2.0 ** (len(self.levels) - 1) * unit
-        steps = np.clip(steps, -limit, limit)
+        steps = np.clip(steps if hold_reference else RELAXATION * steps, -limit, limit)
         steps[list(self.rejected)] = 0
         if hold_reference:
             steps[self.reference] = 0

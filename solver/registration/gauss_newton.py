@@ -6,16 +6,17 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.registration.mosaic import FLAT, UNSEEN, Mosaic
+from solver.registration.mosaic import STEEP, UNSEEN, Mosaic, Place
 from solver.registration.motion import Motion
-from solver.registration.samples import Samples
+from solver.registration.points import Points
 
 Float = NDArray[np.float64]
 
 HUBER = 1.5  # deviations beyond which a residual counts linearly
 POSITION_ERROR = 0.05  # pixels; the mosaic's error beside an edge, as a displacement
+BLOCK = 512  # samples at a time, which stay in the nearest cache
 OBSERVABLE = 1.0  # times what independent noise would add; on a plain wall a mosaic shows half of that
-WEAK = 4.0  # deviations per pixel: where the mosaic is flatter, its slope is mostly noise
+WEAK = 2.0  # deviations per pixel: where the mosaic is flatter, its slope is mostly noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +35,7 @@ class Equations:
 
 
 def normal_equations(
-    samples: Samples, positions: NDArray[np.float32], mosaic: Mosaic, motion: Motion, position_error: float
+    points: Points, place: Place, mosaic: Mosaic, motion: Motion, position_error: float
 ) -> Equations:
     """Linearise y ≈ U(p(θ + δ)) for every frame.
 
@@ -42,26 +43,31 @@ def normal_equations(
     of strong edges decides. Slopes are central differences: the cells' own would lean towards one node, and a
     frame whose pixels all sit alike on the grid, as the reference's do, would be pulled along.
     """
-    sums = _normal_equations(
-        samples.values,
-        samples.weights,
-        positions,
+    count = len(points.first) - 1
+    sums, counts = np.zeros((count, 15)), np.zeros((count, 3))
+    terms, jacobian = np.empty((9, BLOCK), np.float32), np.empty((6, BLOCK), np.float32)
+    _sum_frames(
+        points.values,
+        points.weights,
+        *place,
+        points.first,
         mosaic.values,
-        mosaic.down,
-        mosaic.right,
         mosaic.kind,
-        np.array(mosaic.grid.origin, dtype=np.float32),
-        mosaic.grid.density,
-        motion.camera(samples.level).astype(np.float32),
+        np.array([*mosaic.grid.origin, mosaic.grid.density], dtype=np.float32),
+        motion.camera(points.level).astype(np.float32),
         motion.rotational,
-        position_error,
+        np.float32(position_error**2),
+        terms,
+        jacobian,
+        sums,
+        counts,
     )
-    total, seen, trust, misfit = sums[:, 9:13].T
+    seen, trust, misfit = counts.T
     return Equations(
         _symmetric(sums[:, :6]),
-        _symmetric(sums[:, 13:]) * mosaic.slope_noise,
+        _symmetric(sums[:, 9:]) * mosaic.slope_noise,
         sums[:, 6:9],
-        seen / np.maximum(total, 1),
+        seen / np.maximum(np.diff(points.first), 1),
         misfit / np.maximum(trust, 1e-9),
     )
 
@@ -74,86 +80,162 @@ def _symmetric(upper: Float) -> Float:
     return matrix
 
 
-@numba.njit(cache=True, parallel=True, fastmath=True)
-def _normal_equations(  # type: ignore[no-untyped-def]
-    values, weights, positions, U, Uy, Ux, kind, origin, density, camera, rotational, position_error
+@numba.njit(cache=True)
+def _sum_frames(  # type: ignore[no-untyped-def]
+    values,
+    weights,
+    row,
+    column,
+    first,
+    U,
+    kind,
+    grid,
+    camera,
+    rotational,
+    blur2,
+    terms,
+    jacobian,
+    sums,
+    counts,
 ):
-    channels, count, height, width = values.shape
-    rows, columns = U.shape[1:]
-    sums = np.zeros((count, 19))
-    scale, one, two = np.float32(density), np.float32(1.0), np.float32(2.0)
-    blur2, weak2 = np.float32(position_error * position_error), np.float32(WEAK * WEAK)
-    fy, fx, cy, cx = camera[0], camera[1], camera[2], camera[3]
-    for k in numba.prange(count):
-        total = np.zeros(19)
-        for i in range(height):
-            for j in range(width):
-                w = weights[k, i, j]
-                if w <= 0.0:
-                    continue
-                total[9] += 1.0
-                row, column = positions[k, i, j, 0], positions[k, i, j, 1]
-                r, c = (row - origin[0]) * scale, (column - origin[1]) * scale
-                if not (r >= 0.0 and c >= 0.0 and r < rows - 1 and c < columns - 1):
-                    continue
-                m, n = int(r), int(c)
-                what = kind[m, n]
-                if what == UNSEEN:
-                    continue
-                total[10] += 1.0
-                if what == FLAT:
-                    continue
-                a, d = r - np.float32(m), c - np.float32(n)
-                w00, w01, w10, w11 = (one - a) * (one - d), (one - a) * d, a * (one - d), a * d
-                yy = yx = xx = yr = xr = square = np.float32(0.0)
-                for h in range(channels):
-                    V, Vy, Vx = U[h], Uy[h], Ux[h]
-                    u = w00 * V[m, n] + w01 * V[m, n + 1] + w10 * V[m + 1, n] + w11 * V[m + 1, n + 1]
-                    gy = w00 * Vy[m, n] + w01 * Vy[m, n + 1] + w10 * Vy[m + 1, n] + w11 * Vy[m + 1, n + 1]
-                    gx = w00 * Vx[m, n] + w01 * Vx[m, n + 1] + w10 * Vx[m + 1, n] + w11 * Vx[m + 1, n + 1]
-                    residual = values[h, k, i, j] - u
-                    yy += gy * gy
-                    yx += gy * gx
-                    xx += gx * gx
-                    yr += gy * residual
-                    xr += gx * residual
-                    square += residual * residual
-                slope = yy + xx
-                variance = one / w + blur2 * slope
-                deviations = np.sqrt(square / variance)
-                trust = slope / (slope + weak2 / w)
-                weight = trust / variance
-                if deviations > HUBER:
-                    weight *= np.float32(HUBER) / deviations
-                cut = min(deviations, np.float32(4.0))
-                total[11] += trust
-                total[12] += trust * cut
-                if rotational:
-                    # Derivatives of the position by a small turn about x, y and z, the lens left out.
-                    x, y = (column - cx) / fx, (row - cy) / fy
-                    y0, y1, y2 = -fy * (one + y * y), fy * x * y, fy * x
-                    x0, x1, x2 = -fx * x * y, fx * (one + x * x), -fx * y
-                else:
-                    y0, y1, y2 = fy, np.float32(0.0), np.float32(0.0)
-                    x0, x1, x2 = np.float32(0.0), fx, np.float32(0.0)
-                total[0] += weight * (yy * y0 * y0 + two * yx * y0 * x0 + xx * x0 * x0)
-                total[1] += weight * (yy * y0 * y1 + yx * (y0 * x1 + y1 * x0) + xx * x0 * x1)
-                total[2] += weight * (yy * y0 * y2 + yx * (y0 * x2 + y2 * x0) + xx * x0 * x2)
-                total[3] += weight * (yy * y1 * y1 + two * yx * y1 * x1 + xx * x1 * x1)
-                total[4] += weight * (yy * y1 * y2 + yx * (y1 * x2 + y2 * x1) + xx * x1 * x2)
-                total[5] += weight * (yy * y2 * y2 + two * yx * y2 * x2 + xx * x2 * x2)
+    for k in range(len(sums)):
+        for start in range(first[k], first[k + 1], BLOCK):
+            part = slice(start, min(start + BLOCK, first[k + 1]))
+            place = row[part], column[part]
+            used = _interpolate(values[part], weights[part], *place, U, kind, grid, terms, counts[k])
+            _weigh(terms, used, grid[2], blur2, counts[k])
+            if rotational:
+                _differentiate(terms, used, camera, jacobian)
+                _sum_turns(terms, used, jacobian, sums[k])
+            else:
+                _sum_shifts(terms, used, camera, sums[k])
+
+
+@numba.njit(cache=True, fastmath=True)
+def _interpolate(values, weights, row, column, U, kind, grid, terms, counts):  # type: ignore[no-untyped-def]
+    """Per sample where the mosaic is steep: ΣU_y², ΣU_yU_x, ΣU_x², ΣU_y r, ΣU_x r, Σr², w, row and column.
+
+    Slopes are twice those between nodes, sums over the channels, r the residual. Returns how many there are.
+    """
+    channels, rows, columns = U.shape
+    top, left, scale, one = grid[0], grid[1], grid[2], np.float32(1.0)
+    used = 0
+    for s in range(len(weights)):
+        r, c = (row[s] - top) * scale, (column[s] - left) * scale
+        if not (r >= 1.0 and c >= 1.0 and r < rows - 2 and c < columns - 2):
+            continue
+        m, n = int(r), int(c)
+        what = kind[m, n]
+        counts[0] += what != UNSEEN
+        if what != STEEP:
+            continue
+        a, d = r - np.float32(m), c - np.float32(n)
+        e, g = one - a, one - d
+        yy = yx = xx = yr = xr = square = np.float32(0.0)
+        for h in range(channels):
+            first, upper, lower, last = U[h, m - 1], U[h, m], U[h, m + 1], U[h, m + 2]
+            up, low = g * upper[n] + d * upper[n + 1], g * lower[n] + d * lower[n + 1]
+            gy = e * (low - g * first[n] - d * first[n + 1]) + a * (g * last[n] + d * last[n + 1] - up)
+            before, after = e * upper[n - 1] + a * lower[n - 1], e * upper[n + 2] + a * lower[n + 2]
+            near, far = e * upper[n] + a * lower[n], e * upper[n + 1] + a * lower[n + 1]
+            gx = g * (far - before) + d * (after - near)
+            residual = values[s, h] - e * up - a * low
+            yy += gy * gy
+            yx += gy * gx
+            xx += gx * gx
+            yr += gy * residual
+            xr += gx * residual
+            square += residual * residual
+        terms[0, used], terms[1, used], terms[2, used] = yy, yx, xx
+        terms[3, used], terms[4, used], terms[5, used] = yr, xr, square
+        terms[6, used], terms[7, used], terms[8, used] = weights[s], row[s], column[s]
+        used += 1
+    return used
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def _weigh(terms, used, density, blur2, counts):  # type: ignore[no-untyped-def]
+    """Slopes in pixels, and the weight of each sample in place of 1/σ²."""
+    yy, yx, xx = terms[0, :used], terms[1, :used], terms[2, :used]
+    yr, xr, squares, weight = terms[3, :used], terms[4, :used], terms[5, :used], terms[6, :used]
+    half, one, knee = np.float32(0.5) * density, np.float32(1.0), np.float32(HUBER)
+    quarter, weak2, most = half * half, np.float32(WEAK * WEAK), np.float32(4.0)
+    trusts = misfits = np.float32(0.0)
+    for s in range(used):
+        yy[s] *= quarter
+        yx[s] *= quarter
+        xx[s] *= quarter
+        yr[s] *= half
+        xr[s] *= half
+        slope, own = yy[s] + xx[s], one / weight[s]
+        variance = own + blur2 * slope
+        deviations = np.sqrt(squares[s] / variance)
+        trust = slope / (slope + weak2 * own)
+        trusts += trust
+        misfits += trust * min(deviations, most)
+        weight[s] = trust / variance * (knee / max(deviations, knee))
+    counts[1] += trusts
+    counts[2] += misfits
+
+
+@numba.njit(cache=True, fastmath=True)
+def _sum_shifts(terms, used, camera, sums):  # type: ignore[no-untyped-def]
+    yy, yx, xx = terms[0, :used], terms[1, :used], terms[2, :used]
+    yr, xr, weight = terms[3, :used], terms[4, :used], terms[6, :used]
+    a = b = c = d = e = total = np.float32(0.0)
+    for s in range(used):
+        w = weight[s]
+        a += w * yy[s]
+        b += w * yx[s]
+        c += w * xx[s]
+        d += w * yr[s]
+        e += w * xr[s]
+        total += w
+    fy, fx = camera[0], camera[1]
+    sums[0] += fy * fy * a
+    sums[1] += fy * fx * b
+    sums[3] += fx * fx * c
+    sums[6] += fy * d
+    sums[7] += fx * e
+    # What slopes of noise alone would add, for a variance of one.
+    sums[9] += fy * fy * total
+    sums[12] += fx * fx * total
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def _differentiate(terms, used, camera, jacobian):  # type: ignore[no-untyped-def]
+    """Derivatives of row, then column, by a small turn about x, y and z, the lens left out."""
+    fy, fx, cy, cx, one = camera[0], camera[1], camera[2], camera[3], np.float32(1.0)
+    row, column = terms[7, :used], terms[8, :used]
+    y0, y1, y2 = jacobian[0, :used], jacobian[1, :used], jacobian[2, :used]
+    x0, x1, x2 = jacobian[3, :used], jacobian[4, :used], jacobian[5, :used]
+    for s in range(used):
+        x, y = (column[s] - cx) / fx, (row[s] - cy) / fy
+        y0[s], y1[s], y2[s] = -fy * (one + y * y), fy * x * y, fy * x
+        x0[s], x1[s], x2[s] = -fx * x * y, fx * (one + x * x), -fx * y
+
+
+@numba.njit(cache=True, fastmath=True)
+def _sum_turns(terms, used, jacobian, sums):  # type: ignore[no-untyped-def]
+    yy, yx, xx = terms[0, :used], terms[1, :used], terms[2, :used]
+    yr, xr, weight = terms[3, :used], terms[4, :used], terms[6, :used]
+    upper = 0
+    for a in range(3):
+        ya, xa, right = jacobian[a, :used], jacobian[3 + a, :used], np.float32(0.0)
+        for s in range(used):
+            right += weight[s] * (yr[s] * ya[s] + xr[s] * xa[s])
+        sums[6 + a] += right
+        for b in range(a, 3):
+            yb, xb = jacobian[b, :used], jacobian[3 + b, :used]
+            matrix = noise = np.float32(0.0)
+            for s in range(used):
+                w, down, across = weight[s], yy[s] * yb[s] + yx[s] * xb[s], yx[s] * yb[s] + xx[s] * xb[s]
+                matrix += w * (ya[s] * down + xa[s] * across)
                 # What slopes of noise alone would add, for a variance of one.
-                total[13] += weight * (y0 * y0 + x0 * x0)
-                total[14] += weight * (y0 * y1 + x0 * x1)
-                total[15] += weight * (y0 * y2 + x0 * x2)
-                total[16] += weight * (y1 * y1 + x1 * x1)
-                total[17] += weight * (y1 * y2 + x1 * x2)
-                total[18] += weight * (y2 * y2 + x2 * x2)
-                total[6] += weight * (yr * y0 + xr * x0)
-                total[7] += weight * (yr * y1 + xr * x1)
-                total[8] += weight * (yr * y2 + xr * x2)
-        sums[k] = total
-    return sums
+                noise += w * (ya[s] * yb[s] + xa[s] * xb[s])
+            sums[upper] += matrix
+            sums[9 + upper] += noise
+            upper += 1
 
 
 def solve_steps(equations: Equations, anchor: Float, stiffness: Float, unit: Float) -> tuple[Float, Float]:

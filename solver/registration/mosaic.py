@@ -11,21 +11,24 @@ deconvolved, and the aliasing of the single frames cancels. The edge-preserving 
 quadratic one the noise that stays in U pulls the frames towards each other's noise.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.registration.points import Points
 from solver.stencil import conjugate_gradients
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+Place = tuple[Image, Image]
 
 UNSEEN, FLAT, STEEP = 0, 1, 2
 COLD = 4  # reweightings from a blurred start; one is enough from an earlier mosaic
-STEEPEST = 0.18  # share of the mosaic that counts as steep: its edges
+STEEPEST = 0.16  # share of the mosaic that counts as steep: its edges
+MARGIN = 2  # pixels around the samples, for slopes at the border
 EPSILON = 0.3  # of a deviation between nodes: where the prior turns from quadratic to absolute
 
 
@@ -43,78 +46,78 @@ class Grid:
     density: float
 
     @classmethod
-    def over(cls, positions: Image, density: float) -> "Grid":
-        """The grid that holds positions (N, H, W, 2), but at most one image beyond the reference."""
-        shape = np.array(positions.shape[1:3])
-        border = np.concatenate(
-            [
-                positions[:, [0, -1]].reshape(-1, 2),
-                positions[:, :, [0, -1]].reshape(-1, 2),
-            ]
-        )
-        low = np.maximum(np.floor(np.nanmin(border, axis=0)), -shape) - 1
-        high = np.minimum(np.ceil(np.nanmax(border, axis=0)), 2 * shape) + 1
+    def over(cls, place: Place, shape: tuple[int, int], density: float) -> "Grid":
+        """The grid that holds those places (rows, columns) that are within one image of the reference."""
+        first, last = _extent(*place, *shape)
+        low, high = np.floor(first) - MARGIN, np.ceil(last) + MARGIN
         rows, columns = np.ceil((high - low) * density).astype(int) + 1
         return cls((float(low[0]), float(low[1])), (int(rows), int(columns)), density)
+
+    def staggered(self, back: int) -> "Grid":
+        """The grid whose nodes lie in the middle of this one's cells, above and left where `back` is even."""
+        half = (0.5 if back % 2 else -0.5) / self.density
+        return replace(self, origin=(self.origin[0] + half, self.origin[1] + half))
 
 
 @dataclass(frozen=True, slots=True)
 class Mosaic:
-    """U (C, rows, columns), its slopes per pixel with their noise's variance, and each node's kind.
+    """U (C, rows, columns), each node's kind, and the variance of its slopes per pixel from noise alone.
 
     The kinds are `UNSEEN`, `FLAT` and `STEEP`.
     """
 
     values: Image
-    down: Image
-    right: Image
     kind: NDArray[np.uint8]
     grid: Grid
     slope_noise: float
 
 
 def build_mosaic(
-    values: Image,
-    weights: Image,
-    positions: Image,
+    points: Points,
+    place: Place,
     grid: Grid,
     *,
     smoothing: float,
     sweeps: int,
     start: Image | None = None,
 ) -> Mosaic:
-    """U from samples (C, N, H, W), weights 1/σ² (N, H, W) of typically one, at positions (N, H, W, 2).
+    """U from points, whose weights are typically one, at places (rows, columns).
 
     Args:
         smoothing: λ in units of 1/σ, σ the typical deviation of a sample.
         sweeps: conjugate-gradient steps per reweighting.
         start: a first U on the same grid.
     """
-    # One layout for all callers: each further one is compiled for several seconds on a new machine.
-    values = np.ascontiguousarray(values)
-    stencil, right = _accumulate(values, weights, positions, *grid.origin, grid.density, *grid.size)
-    image = _weighted_mean(stencil, right) if start is None else start
-    for _ in range(COLD if start is None else 1):
-        stiff = _stiffened(stencil, image, smoothing, EPSILON / grid.density)
-        image, _ = conjugate_gradients(stiff, right, image, steps=sweeps)
-    down, across = np.empty_like(image), np.empty_like(image)
-    square = _slopes(image, grid.density, down, across)
+    stencil = np.zeros((5, *grid.size), np.float32)
+    right = np.zeros((points.values.shape[1], *grid.size), np.float32)
+    _accumulate(points.values, points.weights, *place, *grid.origin, grid.density, stencil, right)
     mass = cv2.blur(stencil[0], (3, 3))
+    image = _weighted_mean(stencil, right) if start is None else start
+    data = stencil[:3].copy() if start is None else stencil[:3]
+    for _ in range(COLD if start is None else 1):
+        _stiffen(data, _stiffness(image, smoothing, EPSILON / grid.density), stencil)
+        image, _ = conjugate_gradients(stencil, right, image, steps=sweeps)
     seen = mass[::3, ::3]
     covered = mass > (0.1 * float(np.median(seen[seen > 0])) if seen.any() else 0)
-    mass_per_node = float(stencil[0].sum() + 2 * stencil[1:].sum()) / max(int(covered.sum()), 1)
+    mass_per_node = float(points.weights.sum()) / max(int(np.count_nonzero(covered)), 1)
     # That of central differences of independent nodes: the prior lowers it, picking steep nodes raises it.
     noise = len(image) * grid.density**2 / (2 * mass_per_node + 1e-30)
-    return Mosaic(image, down, across, _kinds(square, covered), grid, noise)
+    square = np.zeros(grid.size, np.float32)
+    _steepness(image, square)
+    return Mosaic(image, _kinds(square, covered), grid, noise)
 
 
 def _kinds(square: Image, covered: Mask) -> NDArray[np.uint8]:
-    """Nodes seen, and those within two nodes of the steepest part of the mosaic."""
-    kind = np.where(covered, FLAT, UNSEEN).astype(np.uint8)
-    some = square[::3, ::3][covered[::3, ::3]]  # a ninth of the nodes tells the quantile
+    """Nodes seen, and those within two nodes of the steepest part of the mosaic.
+
+    Slopes at the rim of what is covered are not the scene's, and do not count.
+    """
+    kind = covered.astype(np.uint8)  # UNSEEN and FLAT are 0 and 1
+    inner = cv2.erode(kind, np.ones((3, 3), np.uint8), borderValue=0) > 0
+    some = square[::3, ::3][inner[::3, ::3]]  # a ninth of the nodes tells the quantile
     if some.size:
         limit = float(np.quantile(some, 1 - STEEPEST))
-        near = cv2.dilate((covered & (square >= limit)).astype(np.uint8), np.ones((5, 5), np.uint8))
+        near = cv2.dilate((inner & (square >= limit)).astype(np.uint8), np.ones((5, 5), np.uint8))
         kind[covered & (near > 0)] = STEEP
     return kind
 
@@ -128,7 +131,7 @@ def resampled(mosaic: Mosaic, grid: Grid, factor: float) -> Image:
     ]
     matrix = np.array([[scale, 0, offset[1]], [0, scale, offset[0]]])
     size = (grid.size[1], grid.size[0])
-    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    flags = (cv2.INTER_LINEAR if factor != 1 else cv2.INTER_CUBIC) | cv2.WARP_INVERSE_MAP
     return np.stack(
         [
             cv2.warpAffine(image, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
@@ -137,25 +140,39 @@ def resampled(mosaic: Mosaic, grid: Grid, factor: float) -> Image:
     ).astype(np.float32, copy=False)
 
 
-def steep_samples(mosaic: Mosaic, positions: Image) -> Mask:
-    """Samples (N, H, W) that lie where the mosaic is steep: elsewhere a displacement changes little."""
-    found: Mask = _lookup(mosaic.kind, positions, *mosaic.grid.origin, mosaic.grid.density)
-    return found
+def steep_blocks(mosaic: Mosaic, points: Points, place: Place) -> Mask:
+    """Pixels (N, H, W) of the points' images where the mosaic is steep, or that are not among the points.
+
+    Elsewhere a displacement changes little.
+    """
+    blocks = np.ones((len(points.first) - 1, points.shape[0] * points.shape[1]), dtype=np.bool_)
+    _look_up(
+        mosaic.kind, points.first, points.pixel, *place, *mosaic.grid.origin, mosaic.grid.density, blocks
+    )
+    return blocks.reshape(-1, *points.shape)
 
 
-@numba.njit(cache=True, parallel=True)
-def _lookup(image, positions, row0, column0, density):  # type: ignore[no-untyped-def]
-    count, height, width = positions.shape[:3]
-    rows, columns = image.shape
-    found = np.zeros((count, height, width), dtype=np.bool_)
-    for item in numba.prange(count * height):
-        k, i = item // height, item % height
-        for j in range(width):
-            r = (positions[k, i, j, 0] - row0) * density + 0.5
-            c = (positions[k, i, j, 1] - column0) * density + 0.5
-            if r >= 0.0 and c >= 0.0 and r < rows and c < columns:
-                found[k, i, j] = image[int(r), int(c)] == STEEP
-    return found
+@numba.njit(cache=True)
+def _look_up(kind, first, pixel, row, column, row0, column0, density, blocks):  # type: ignore[no-untyped-def]
+    rows, columns = kind.shape
+    top, left, scale, half = np.float32(row0), np.float32(column0), np.float32(density), np.float32(0.5)
+    for k in range(len(blocks)):
+        for s in range(first[k], first[k + 1]):
+            r, c = (row[s] - top) * scale + half, (column[s] - left) * scale + half
+            inside = r >= 0.0 and c >= 0.0 and r < rows and c < columns
+            blocks[k, pixel[s]] = inside and kind[int(r), int(c)] == STEEP
+
+
+@numba.njit(cache=True, fastmath=True)
+def _extent(row, column, height, width):  # type: ignore[no-untyped-def]
+    """First and last row and column of the places that are at most one image away from the reference."""
+    rows, columns = np.float32(height), np.float32(width)
+    top, left, bottom, right = 2 * rows, 2 * columns, -rows, -columns
+    for s in range(len(row)):
+        r, c = row[s], column[s]
+        if r >= -rows and r <= 2 * rows and c >= -columns and c <= 2 * columns:
+            top, left, bottom, right = min(top, r), min(left, c), max(bottom, r), max(right, c)
+    return np.array([[top, left], [max(top, bottom), max(left, right)]])
 
 
 def _weighted_mean(stencil: Image, right: Image) -> Image:
@@ -177,107 +194,93 @@ def _weighted_mean(stencil: Image, right: Image) -> Image:
     return result
 
 
-@numba.njit(cache=True, parallel=True, fastmath=True)
-def _accumulate(values, weights, positions, row0, column0, density, rows, columns):  # type: ignore[no-untyped-def]
-    channels, count, height, width = values.shape
-    parts = 2  # fixed, so that the sums do not depend on the number of threads
-    stencil = np.zeros((parts, 5, rows, columns), dtype=np.float32)
-    right = np.zeros((parts, channels, rows, columns), dtype=np.float32)
+@numba.njit(cache=True, fastmath=True)
+def _accumulate(values, weights, row, column, row0, column0, density, S, b):  # type: ignore[no-untyped-def]
+    """Add the samples to the stencil and the right side."""
+    channels, rows, columns = b.shape
     top, left, scale, one = np.float32(row0), np.float32(column0), np.float32(density), np.float32(1.0)
-    for part in numba.prange(parts):
-        S, b = stencil[part], right[part]
-        for k in range(part, count, parts):
-            for i in range(height):
-                for j in range(width):
-                    w = weights[k, i, j]
-                    if w <= 0.0:
-                        continue
-                    r = (positions[k, i, j, 0] - top) * scale
-                    c = (positions[k, i, j, 1] - left) * scale
-                    if not (r >= 0.0 and c >= 0.0 and r < rows - 1 and c < columns - 1):
-                        continue
-                    m, n = int(r), int(c)
-                    a, d = r - np.float32(m), c - np.float32(n)
-                    w00, w01 = (one - a) * (one - d), (one - a) * d
-                    w10, w11 = a * (one - d), a * d
-                    for h in range(channels):
-                        y = w * values[h, k, i, j]
-                        b[h, m, n] += w00 * y
-                        b[h, m, n + 1] += w01 * y
-                        b[h, m + 1, n] += w10 * y
-                        b[h, m + 1, n + 1] += w11 * y
-                    S[0, m, n] += w * w00 * w00
-                    S[0, m, n + 1] += w * w01 * w01
-                    S[0, m + 1, n] += w * w10 * w10
-                    S[0, m + 1, n + 1] += w * w11 * w11
-                    S[1, m, n] += w * w00 * w01  # to the right
-                    S[1, m + 1, n] += w * w10 * w11
-                    S[2, m, n] += w * w00 * w10  # down
-                    S[2, m, n + 1] += w * w01 * w11
-                    S[3, m, n] += w * w00 * w11  # down and right
-                    S[4, m, n + 1] += w * w01 * w10  # down and left
-    return stencil[0] + stencil[1], right[0] + right[1]
+    for s in range(len(weights)):
+        r, c = (row[s] - top) * scale, (column[s] - left) * scale
+        if not (r >= 0.0 and c >= 0.0 and r < rows - 1 and c < columns - 1):
+            continue
+        m, n = int(r), int(c)
+        a, d, w = r - np.float32(m), c - np.float32(n), weights[s]
+        w00, w01 = (one - a) * (one - d), (one - a) * d
+        w10, w11 = a * (one - d), a * d
+        for h in range(channels):
+            y = w * values[s, h]
+            b[h, m, n] += w00 * y
+            b[h, m, n + 1] += w01 * y
+            b[h, m + 1, n] += w10 * y
+            b[h, m + 1, n + 1] += w11 * y
+        S[0, m, n] += w * w00 * w00
+        S[0, m, n + 1] += w * w01 * w01
+        S[0, m + 1, n] += w * w10 * w10
+        S[0, m + 1, n + 1] += w * w11 * w11
+        S[1, m, n] += w * w00 * w01  # to the right
+        S[1, m + 1, n] += w * w10 * w11
+        S[2, m, n] += w * w00 * w10  # down
+        S[2, m, n + 1] += w * w01 * w11
+        S[3, m, n] += w * w00 * w11  # down and right
+        S[4, m, n + 1] += w * w01 * w10  # down and left
+
+
+def _stiffness(image: Image, strength: float, epsilon: float) -> Image:
+    """The prior reweighted at the image, (rows, columns): λ / √(|∇U|² + ε²), |∇U|² a mean of 3 × 3."""
+    square = np.zeros(image.shape[1:], np.float32)
+    _jumps(image, square)
+    square = np.asarray(cv2.blur(square, (3, 3), borderType=cv2.BORDER_REPLICATE), np.float32)
+    square += np.float32(epsilon**2)
+    np.sqrt(square, out=square)
+    return np.divide(np.float32(strength), square, out=square)
 
 
 @numba.njit(cache=True, fastmath=True)
-def _stiffened(stencil, image, strength, epsilon):  # type: ignore[no-untyped-def]
-    """The stencil plus the prior's, reweighted at the image: stiffness λ / √(|∇U|² + ε²), a mean of 3 × 3."""
+def _jumps(image, square):  # type: ignore[no-untyped-def]
+    """Add |∇U|² of forward differences between nodes."""
     channels, rows, columns = image.shape
-    size = np.zeros((rows, columns), dtype=np.float32)
     for i in range(rows - 1):
-        for j in range(columns - 1):
-            square = np.float32(0.0)
-            for h in range(channels):
-                down = image[h, i + 1, j] - image[h, i, j]
-                right = image[h, i, j + 1] - image[h, i, j]
-                square += down * down + right * right
-            size[i, j] = square
-    stiffness = np.empty((rows, columns), dtype=np.float32)
-    lam, floor = np.float32(strength), np.float32(epsilon * epsilon)
-    for i in range(rows):
-        up, low = max(i - 1, 0), min(i + 1, rows - 1)
-        for j in range(columns):
-            before, after = max(j - 1, 0), min(j + 1, columns - 1)
-            total = size[i, j] + size[i, before] + size[i, after]
-            total += size[up, j] + size[up, before] + size[up, after]
-            total += size[low, j] + size[low, before] + size[low, after]
-            stiffness[i, j] = lam / np.sqrt(total / np.float32(9.0) + floor)
-    result = stencil.copy()
+        out = square[i, :-1]
+        for h in range(channels):
+            x, after, below = image[h, i, :-1], image[h, i, 1:], image[h, i + 1, :-1]
+            for j in range(columns - 1):
+                down, right = below[j] - x[j], after[j] - x[j]
+                out[j] += down * down + right * right
+
+
+@numba.njit(cache=True, fastmath=True)
+def _stiffen(data, stiffness, stencil):  # type: ignore[no-untyped-def]
+    """The diagonal and the couplings to the right and below of the data, with the prior's, into `stencil`."""
+    rows, columns = stiffness.shape
     half = np.float32(0.5)
     for i in range(rows):
+        before, after = np.float32(0.5 * (i > 0)), np.float32(0.5 * (i + 1 < rows))
+        own, up, low = stiffness[i], stiffness[max(i - 1, 0)], stiffness[min(i + 1, rows - 1)]
+        diagonal, south = data[0, i], data[2, i]
+        into, into_south = stencil[0, i], stencil[2, i]
         for j in range(columns):
-            own = stiffness[i, j]
-            if j + 1 < columns:
-                across = half * (own + stiffness[i, j + 1])
-                result[1, i, j] -= across
-                result[0, i, j] += across
-            if j > 0:
-                result[0, i, j] += half * (own + stiffness[i, j - 1])
-            if i + 1 < rows:
-                along = half * (own + stiffness[i + 1, j])
-                result[2, i, j] -= along
-                result[0, i, j] += along
-            if i > 0:
-                result[0, i, j] += half * (own + stiffness[i - 1, j])
-    return result
+            along = after * (own[j] + low[j])
+            into_south[j] = south[j] - along
+            into[j] = diagonal[j] + along + before * (own[j] + up[j])
+        next_own, next_into = own[1:], into[1:]
+        east, into_east = data[1, i], stencil[1, i]
+        for j in range(columns - 1):
+            across = half * (own[j] + next_own[j])
+            into_east[j] = east[j] - across
+            into[j] += across
+        for j in range(columns - 1):
+            next_into[j] += half * (own[j] + next_own[j])
 
 
 @numba.njit(cache=True, fastmath=True)
-def _slopes(image, density, down, across):  # type: ignore[no-untyped-def]
-    """Central differences per pixel into `down` and `across`; returns |∇U|² (rows, columns)."""
+def _steepness(image, square):  # type: ignore[no-untyped-def]
+    """Add |∇U|² of central differences, four times, inside the border."""
     channels, rows, columns = image.shape
-    square = np.zeros((rows, columns), dtype=np.float32)
-    half = np.float32(0.5 * density)
-    for i in range(rows):
-        up, low = max(i - 1, 0), min(i + 1, rows - 1)
+    for i in range(1, rows - 1):
+        out = square[i, 1:-1]
         for h in range(channels):
-            above, below, x = image[h, up], image[h, low], image[h, i]
-            before, after, middle = x[:-2], x[2:], across[h, i, 1:-1]
-            for j in range(columns):
-                down[h, i, j] = half * (below[j] - above[j])
+            above, below = image[h, i - 1, 1:-1], image[h, i + 1, 1:-1]
+            before, after = image[h, i, :-2], image[h, i, 2:]
             for j in range(columns - 2):
-                middle[j] = half * (after[j] - before[j])
-            across[h, i, 0] = across[h, i, columns - 1] = np.float32(0.0)
-            for j in range(columns):
-                square[i, j] += down[h, i, j] * down[h, i, j] + across[h, i, j] * across[h, i, j]
-    return square
+                down, right = below[j] - above[j], after[j] - before[j]
+                out[j] += down * down + right * right

@@ -2,13 +2,19 @@
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.lens import camera_matrix, lens_coefficients
-from solver.positions import rotated_positions, rotation_matrix, rotation_vector, sample_positions
+from solver.lens import camera_matrix, distort, lens_coefficients, pixel_rays, tilt_matrix
+from solver.positions import rotation_matrix, rotation_vector
+from solver.registration.points import Points
+from solver.registration.samples import Samples
 
 Float = NDArray[np.float64]
+Image = NDArray[np.float32]
+
+NOWHERE = np.float32(-1e9)  # position of a pixel whose ray leaves the camera's half-space
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,9 +23,16 @@ class Shift:
 
     rotational: bool = False
 
-    def positions(self, parameters: Float, shape: tuple[int, int], level: int) -> NDArray[np.float32]:
-        """(N, H, W, 2) at a pyramid level, in that level's pixels."""
-        return sample_positions((len(parameters), *shape), shifts=parameters[:, :2] / 2**level)
+    def base(self, samples: Samples) -> Image:
+        """Row and column of every pixel, (2, H, W)."""
+        return np.indices(samples.shape, dtype=np.float32)
+
+    def place(self, points: Points, parameters: Float) -> tuple[Image, Image]:
+        """Rows and columns (P,) at which points look, in pixels of their level."""
+        row, column = np.empty_like(points.row), np.empty_like(points.row)
+        moves = (parameters[:, :2] / 2**points.level).astype(np.float32)
+        _shift(points.row, points.column, points.first, moves, row, column)
+        return row, column
 
     def camera(self, level: int) -> Float:
         """fy, fx, cy, cx for the derivatives: one parameter unit is one full-resolution pixel."""
@@ -59,9 +72,22 @@ class Turn:
         K[1, 1] /= 2**level
         return K
 
-    def positions(self, parameters: Float, shape: tuple[int, int], level: int) -> NDArray[np.float32]:
-        """(N, H, W, 2) at a pyramid level, in that level's pixels."""
-        return rotated_positions(parameters, shape, self._at(level), self.lens)
+    def base(self, samples: Samples) -> Image:
+        """The ray (y, x) at z = 1 through every pixel, (2, H, W)."""
+        rays = pixel_rays(samples.shape, self._at(samples.level), self.lens)
+        return np.ascontiguousarray(np.moveaxis(rays, -1, 0)[::-1], dtype=np.float32)
+
+    def place(self, points: Points, parameters: Float) -> tuple[Image, Image]:
+        """Rows and columns (P,) at which points look, in pixels of their level."""
+        row, column = np.empty_like(points.row), np.empty_like(points.row)
+        matrices = rotation_matrix(parameters).astype(np.float32)
+        camera = self.camera(points.level).astype(np.float32)
+        lens, tilt = self.lens.astype(np.float32), tilt_matrix(self.lens).astype(np.float32)
+        _turn(points.row, points.column, points.first, matrices, row, column)
+        if self.lens.any():
+            _bend(row, column, lens, tilt)
+        _project(row, column, camera)
+        return row, column
 
     def camera(self, level: int) -> Float:
         """fy, fx, cy, cx for the derivatives; the lens is left out there, which costs only speed."""
@@ -84,3 +110,44 @@ class Turn:
 
 
 Motion = Shift | Turn
+
+
+@numba.njit(cache=True, fastmath=True)
+def _shift(rows, columns, first, moves, row, column):  # type: ignore[no-untyped-def]
+    for k in range(len(moves)):
+        part = slice(first[k], first[k + 1])
+        row[part] = rows[part] + moves[k, 0]
+        column[part] = columns[part] + moves[k, 1]
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def _turn(rays_y, rays_x, first, matrices, y, x):  # type: ignore[no-untyped-def]
+    """Rays (y, x) at z = 1 after each frame's rotation."""
+    for k in range(len(matrices)):
+        R = matrices[k]
+        a, b = rays_x[first[k] : first[k + 1]], rays_y[first[k] : first[k + 1]]
+        u, v = x[first[k] : first[k + 1]], y[first[k] : first[k + 1]]
+        for s in range(len(a)):
+            z = R[2, 0] * a[s] + R[2, 1] * b[s] + R[2, 2]
+            ahead = z > np.float32(0.0)
+            u[s] = (R[0, 0] * a[s] + R[0, 1] * b[s] + R[0, 2]) / z if ahead else NOWHERE
+            v[s] = (R[1, 0] * a[s] + R[1, 1] * b[s] + R[1, 2]) / z if ahead else NOWHERE
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _bend(y, x, lens, tilt):  # type: ignore[no-untyped-def]
+    """Rays as the lens images them."""
+    for s in range(len(x)):
+        if x[s] == NOWHERE:
+            continue
+        u, v = distort(x[s], y[s], lens)[:2]
+        w = tilt[2, 0] * u + tilt[2, 1] * v + tilt[2, 2]
+        x[s] = (tilt[0, 0] * u + tilt[0, 1] * v + tilt[0, 2]) / w
+        y[s] = (tilt[1, 0] * u + tilt[1, 1] * v + tilt[1, 2]) / w
+
+
+@numba.njit(cache=True, fastmath=True)
+def _project(y, x, camera):  # type: ignore[no-untyped-def]
+    for s in range(len(x)):
+        y[s] = y[s] * camera[0] + camera[2]
+        x[s] = x[s] * camera[1] + camera[3]

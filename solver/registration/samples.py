@@ -31,21 +31,32 @@ class Samples:
 
     def pooled(self) -> "Samples":
         """Weighted 2 × 2 means; an odd last row or column is left out."""
-        total = _quads(self.weights)
-        mean = _quads(self.values * self.weights)
-        np.divide(mean, total, out=mean, where=total > 0)
-        # A block that is mostly missing would be a sample at another place.
-        total[_quads(self.weights > 0) < 3] = 0
+        channels, count, height, width = self.values.shape
+        mean = np.empty((channels, count, height // 2, width // 2), np.float32)
+        total = np.empty(mean.shape[1:], np.float32)
+        _pool(self.values, self.weights, mean, total)
         return Samples(mean, total, self.level + 1)
 
 
-def _quads(images: NDArray[np.generic]) -> Image:
-    """Sums over 2 × 2 pixels of the last two axes."""
-    even = images[..., : images.shape[-2] // 2 * 2, : images.shape[-1] // 2 * 2].astype(
-        np.float32, copy=False
-    )
-    rows = even[..., ::2, :] + even[..., 1::2, :]
-    return rows[..., ::2] + rows[..., 1::2]
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def _pool(values, weights, mean, total):  # type: ignore[no-untyped-def]
+    channels, count, rows, columns = mean.shape
+    least, few, no = np.float32(1e-30), np.float32(3.0), np.float32(0.0)
+    for k in range(count):
+        for i in range(rows):
+            # Views, and one channel after the other: so the loops are vectorised.
+            above, below, out = weights[k, 2 * i], weights[k, 2 * i + 1], total[k, i]
+            for h in range(channels):
+                up, low, into = values[h, k, 2 * i], values[h, k, 2 * i + 1], mean[h, k, i]
+                for j in range(columns):
+                    a, b, c, d = above[2 * j], above[2 * j + 1], below[2 * j], below[2 * j + 1]
+                    top = a * up[2 * j] + b * up[2 * j + 1]
+                    into[j] = (top + c * low[2 * j] + d * low[2 * j + 1]) / max(a + b + c + d, least)
+            for j in range(columns):
+                a, b, c, d = above[2 * j], above[2 * j + 1], below[2 * j], below[2 * j + 1]
+                used = np.float32(a > no) + np.float32(b > no) + np.float32(c > no) + np.float32(d > no)
+                # A block that is mostly missing would be a sample at another place.
+                out[j] = a + b + c + d if used >= few else no
 
 
 def pyramid(samples: Samples) -> list[Samples]:

@@ -9,6 +9,8 @@ from solver.registration.samples import Samples
 # Deviations at which a difference counts half, so that occlusion edges do not decide. Pooled weights are
 # several times those of a pixel, and edges alias at this level.
 HALF = 30.0
+LARGE = 32  # pixels of the shorter side from which a coarser search comes first
+UNUSED = np.float32(1e32)
 LEAST_OVERLAP = 0.4  # of the frame's used pixels
 
 
@@ -21,6 +23,9 @@ def search_shifts(
     pixels) and takes the least mean saturating difference over the overlap; of equals the one nearest to the
     centre.
     """
+    if min(samples.shape) >= LARGE and max(radius) > 1:
+        coarse = search_shifts(samples.pooled(), reference, centre, (radius[0] // 2, radius[1] // 2))
+        return search_shifts(samples, reference, coarse, (1, 1))
     factor = 2**samples.level
     middle = np.rint(centre / factor).astype(np.int64)
     best = _search(samples.values, samples.weights, reference, middle, radius[0], radius[1])
@@ -28,20 +33,15 @@ def search_shifts(
     return np.where(moved, (middle + best) * factor, centre).astype(np.float64)
 
 
-@numba.njit(cache=True, parallel=True, fastmath=True)
+@numba.njit(cache=True)
 def _search(values, weights, reference, middle, rows, columns):  # type: ignore[no-untyped-def]
-    channels, count, height, width = values.shape
+    count, height = weights.shape[:2]
     found = np.zeros((count, 2), dtype=np.int64)
     stride = 1 if height < 32 else 2  # every second row is plenty
-    one, knee = np.float32(1.0), np.float32(HALF * HALF)
     # w v / (w + v) = 1 / (1/w + 1/v); a pixel that is not used has a huge variance.
-    variance = np.empty_like(weights)
-    for k in numba.prange(count):
-        for i in range(height):
-            for j in range(width):
-                w = weights[k, i, j]
-                variance[k, i, j] = one / w if w > 0.0 else np.float32(1e32)
-    for k in numba.prange(count):
+    variance = np.where(weights > 0.0, np.float32(1.0) / np.maximum(weights, np.float32(1e-32)), UNUSED)
+    buffer = np.empty(weights.shape[2], dtype=np.float32)
+    for k in range(count):
         if k == reference:
             continue
         own = (weights[k, ::stride] > 0).sum()
@@ -49,20 +49,7 @@ def _search(values, weights, reference, middle, rows, columns):  # type: ignore[
         for a in range(-rows, rows + 1):
             for b in range(-columns, columns + 1):
                 dy, dx = middle[k, 0] + a, middle[k, 1] + b
-                cost, seen = np.float32(0.0), np.float32(0.0)
-                for i in range(max(0, -dy), min(height, height - dy), stride):
-                    first, last = max(0, -dx), min(width, width - dx)
-                    used, other = variance[k, i], variance[reference, i + dy]
-                    for j in range(first, last):
-                        both = used[j] + other[j + dx]
-                        square = np.float32(0.0)
-                        for h in range(channels):
-                            change = values[h, k, i, j] - values[h, reference, i + dy, j + dx]
-                            square += change * change
-                        # s / (s + knee) with s = square / both
-                        known = np.float32(both < 1e30)
-                        cost += known * square / (square + knee * both)
-                        seen += known
+                cost, seen = _compare(values, variance, k, reference, dy, dx, stride, buffer)
                 if seen < LEAST_OVERLAP * own or seen == 0:
                     continue
                 # A thousandth a pixel settles ties, as in a featureless scene.
@@ -71,3 +58,30 @@ def _search(values, weights, reference, middle, rows, columns):  # type: ignore[
                     lowest = mean
                     found[k, 0], found[k, 1] = a, b
     return found
+
+
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def _compare(values, variance, k, reference, dy, dx, stride, buffer):  # type: ignore[no-untyped-def]
+    """Sum of the saturating differences at a displacement, and how many pixels overlap."""
+    channels, _, height, width = values.shape
+    begin, end = max(0, -dx), min(width, width - dx)
+    knee, most = np.float32(HALF * HALF), np.float32(0.5 * UNUSED)
+    cost, seen = np.float32(0.0), np.float32(0.0)
+    if begin >= end:
+        return cost, seen
+    square = buffer[: end - begin]
+    for i in range(max(0, -dy), min(height, height - dy), stride):
+        square[:] = np.float32(0.0)
+        for h in range(channels):
+            x, y = values[h, k, i, begin:end], values[h, reference, i + dy, begin + dx : end + dx]
+            for j in range(len(square)):
+                change = x[j] - y[j]
+                square[j] += change * change
+        used, other = variance[k, i, begin:end], variance[reference, i + dy, begin + dx : end + dx]
+        for j in range(len(square)):
+            both = used[j] + other[j]
+            known = np.float32(both < most)
+            # s / (s + knee) with s = square / both
+            cost += known * square[j] / (square[j] + knee * both)
+            seen += known
+    return cost, seen
