@@ -92,11 +92,10 @@ def _poisson(source: NDArray[np.floating], down: float, right: float) -> NDArray
     from scipy.fft import dctn, idctn
 
     rows, columns = source.shape
-    spectrum = dctn(source, norm="ortho", workers=2)
     row = down * (2 - 2 * np.cos(np.pi * np.arange(rows) / rows))
     column = right * (2 - 2 * np.cos(np.pi * np.arange(columns) / columns))
-    eigenvalues = (row[:, None] + column[None]).astype(source.dtype)
-    eigenvalues[0, 0] = 1
+    eigenvalues = row.astype(source.dtype)[:, None] + column.astype(source.dtype)
+    eigenvalues[0, 0] = np.inf
+    spectrum = dctn(source, norm="ortho", workers=2)
     spectrum /= eigenvalues
-    spectrum[0, 0] = 0
-    return np.asarray(idctn(spectrum, norm="ortho", workers=2))
+    return np.asarray(idctn(spectrum, norm="ortho", workers=2, overwrite_x=True))

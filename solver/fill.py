@@ -12,7 +12,7 @@ _SWEEPS, _OVER = 60, 1.85
 
 def reach(seen: NDArray[np.bool_]) -> NDArray[np.float32]:
     """(rows, columns): distance in pixels to the nearest pixel that is seen (at least one is)."""
-    return np.asarray(cv2.distanceTransform((~seen).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE))
+    return np.asarray(cv2.distanceTransform((~seen).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5))
 
 
 def smoothed(values: NDArray[np.float32], weight: NDArray[np.float32], factor: int) -> NDArray[np.float32]:

@@ -9,7 +9,6 @@ once; a second pass knows its edges and slopes (see `solver.reweighting`).
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.fill import smoothed
 from solver.footprint import AreaTerm
 from solver.memory_gradient import start
 from solver.noise import spread, usual_deviation
@@ -17,7 +16,6 @@ from solver.prior import Prior
 from solver.problem import Problem, Solution
 from solver.result import Progress
 from solver.reweighting import Reweighting, Unit, minimise_reweighted
-from solver.sampling import sample
 
 _NOISE, _CLEAN = 0.16, 0.0006
 """λ = σ √(σ / (0.16 · range)), and at least 0.0006 of the scene's range for noise-free frames. The power
@@ -35,21 +33,16 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     used = np.isfinite(problem.distance)
     factor = problem.options.upsampling
     weights = _weights(problem, used)
-    samples = sample(problem.distance, weights, problem.positions, factor)
-    seen = samples.weight > 0
-    low, high = float(samples.mean[seen].min()), float(samples.mean[seen].max())
     strength = _strength(problem, used)
-    middle = 0.5 * (low + high)
+    middle = 0.5 * (float(problem.distance[used].min()) + float(problem.distance[used].max()))
     values = np.where(used, (problem.distance - middle) / strength, 0).astype(np.float32)
     term = AreaTerm(values[None], weights, problem.positions, factor, problem.options.footprint)
-    mean = np.where(seen, (samples.mean - middle) / strength, 0).astype(np.float32)
-    first = smoothed(mean, samples.weight, factor)
     m = term.margin
     extent = max(spread(problem.distance), strength)
     outcome, trail = minimise_reweighted(
         term,
         Prior(problem.options.neighbourhood),
-        start(np.pad(first, m, mode="edge")[None]),
+        start(term.mean()),
         Reweighting(_PASSES, _GAIN, _EPSILON * extent / strength, _EDGE * extent / strength),
         unit=Unit(strength, middle),
         options=problem.options,

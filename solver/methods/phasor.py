@@ -9,18 +9,15 @@ nearly uniform in the complex plane, so dark samples need no weights. A second p
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.errors import FusionInputError
-from solver.fill import smoothed
 from solver.footprint import AreaTerm
-from solver.memory_gradient import State, start
+from solver.memory_gradient import start
 from solver.plausibility import plausible
 from solver.prior import Prior
 from solver.problem import Problem, Solution
 from solver.result import Progress
 from solver.reweighting import Reweighting, Unit, minimise_reweighted
-from solver.sampling import sample
 from solver.unmixing import unmix
 
 _AUTO = 0.8
@@ -58,11 +55,10 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     factor = problem.options.upsampling
     weights = used.astype(np.float32)
     term = AreaTerm(values, weights, problem.positions, factor, problem.options.footprint)
-    state = _first(values, weights, problem, term.margin)
     outcome, trail = minimise_reweighted(
         term,
         Prior(problem.options.neighbourhood),
-        state,
+        start(term.mean()),
         Reweighting(_PASSES, _GAIN, _EPSILON / strength, _EDGE / strength),
         unit=Unit(strength * usual),
         options=problem.options,
@@ -86,13 +82,3 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         relative=strength / max(sigma, 1e-12),
         trail=trail,
     )
-
-
-def _first(values: NDArray[np.float32], weights: NDArray[np.float32], problem: Problem, margin: int) -> State:
-    """The mean phasor of the samples around each pixel."""
-    channels = []
-    for channel in values:
-        samples = sample(channel, weights, problem.positions, problem.options.upsampling)
-        first = smoothed(samples.mean, samples.weight, problem.options.upsampling)
-        channels.append(np.pad(first, margin, mode="edge"))
-    return start(np.stack(channels))
