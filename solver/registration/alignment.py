@@ -18,12 +18,12 @@ Mask = NDArray[np.bool_]
 
 FEWEST = 0.05  # share of valid pixels under which a frame cannot be placed
 OVERLAP = 0.3  # share of a frame's pixels that the other frames must cover
-STEP = 0.05  # pixels; the next step would be a fifth of it
+STEP = 0.03  # pixels; the next step would be a fifth of it
 RELAXATION = 1.2  # a step against the common mosaic falls short, as each frame is part of it
 COARSE_STEP = 0.2  # pixels; the finer level goes on
 ALIASED = 0.2  # pixels; position error of a mosaic of one frame, whose edges alias
 DENSITY = 1.83  # nodes per pixel; two is the Nyquist limit of the footprint's first zero, 1.6 blurs
-PAIRWISE, FINE = 4, 8  # steps at most
+PAIRWISE, FINE = 4, 4  # steps at most
 SMOOTHING = 3.0  # λ; a tenth lets noise into the mosaic and biases high noise, ten times blurs it
 SWEEPS = 2  # of conjugate gradients per Gauss–Newton step; six times as many change nothing
 

@@ -26,7 +26,7 @@ Mask = NDArray[np.bool_]
 Place = tuple[Image, Image]
 
 UNSEEN, FLAT, STEEP = 0, 1, 2
-COLD = 4  # reweightings from a blurred start; one is enough from an earlier mosaic
+COLD = 2  # reweightings from a blurred start; one is enough from an earlier mosaic
 STEEPEST = 0.16  # share of the mosaic that counts as steep: its edges
 MARGIN = 2  # pixels around the samples, for slopes at the border
 EPSILON = 0.3  # of a deviation between nodes: where the prior turns from quadratic to absolute
@@ -183,8 +183,8 @@ def _weighted_mean(stencil: Image, right: Image) -> Image:
     result = np.zeros_like(right)
     known = np.zeros(bottom.shape, dtype=bool)
     for _ in range(4):
-        top = np.stack([cv2.GaussianBlur(channel, (0, 0), 1.5) for channel in top])
-        bottom = np.asarray(cv2.GaussianBlur(bottom, (0, 0), 1.5), np.float32)
+        top = np.stack([cv2.blur(channel, (5, 5)) for channel in top])
+        bottom = np.asarray(cv2.blur(bottom, (5, 5)), np.float32)
         fresh = ~known & (bottom > enough)
         np.divide(top, bottom, out=result, where=fresh)
         known |= fresh

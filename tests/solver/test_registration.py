@@ -38,8 +38,11 @@ def test_displacements_of_the_built_in_object(variance):
 def test_displacements_of_the_papers_kind_of_object(variance):
     with np.load(SHARED / "bunny_depth.npz") as data:
         depth = DepthMap(data["fine"], oversampling=4)
-    trial = make_trial(depth, variance=variance, seed=1, span=3)
-    assert error(register(trial.distance), trial.shifts) < 0.02
+    errors = []
+    for seed in range(4):  # a single burst may be unlucky by half
+        trial = make_trial(depth, variance=variance, seed=seed, span=3)
+        errors.append(error(register(trial.distance), trial.shifts))
+    assert np.sqrt(np.mean(np.square(errors))) < 0.016
 
 
 def test_displacements_up_to_a_quarter_of_the_image_need_no_first_guess():
