@@ -59,4 +59,7 @@ def deviation(
     place = np.float32(shift) * cv2.blur(
         Prior().norms(fine)[2:-2, 2:-2], window, borderType=cv2.BORDER_REFLECT
     )
-    return np.asarray(np.hypot(noise, place) * np.exp2(np.minimum(away, np.float32(20))), np.float32)
+    spread = np.hypot(noise, place)
+    beyond = away > 0
+    spread[beyond] *= np.exp2(np.minimum(away[beyond], np.float32(20)))
+    return np.asarray(spread, np.float32)

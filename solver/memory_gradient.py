@@ -51,7 +51,7 @@ class State:
     epsilon: float = 0.0
     """Below which the corner of the norm was last rounded, in units of λ; 0 = not begun."""
     fit: float | None = None
-    """The data term's value, where it is known."""
+    """The data term's value at this map, where it is known."""
 
 
 class Term(Protocol):
@@ -137,11 +137,12 @@ def minimise(
             state.epsilon *= _FALL
         if progress is not None and len(history) % 10 == 0:
             progress(len(history), value * scale, None)
-    state.fit, gap = fit, float("nan")
+    gap = float("nan")
     if certify:
         dual = prior.duals(state.x, state.radius, state.slope, state.epsilon)
-        state.fit, least = term.certify(state, dual, prior)
-    value = state.fit + prior.value(state.x, state.radius, state.slope)
+        fit, least = term.certify(state, dual, prior)
+    state.fit = fit
+    value = fit + prior.value(state.x, state.radius, state.slope)
     if certify:
         gap = max(0.0, value - least) / value if value > 0 else 0.0
     return Outcome(state, len(history), value, gap, settled or gap <= tolerance)

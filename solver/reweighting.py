@@ -7,14 +7,15 @@ reweighted ℓ1 minimization", J. Fourier Anal. Appl. 2008. Each pass is convex,
 gap and stopping rule are those of the last pass.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.memory_gradient import Outcome, State, Term, minimise
+from solver.memory_gradient import Outcome, State, Term, minimise, start
 from solver.options import FusionOptions
-from solver.prior import Prior
+from solver.prior import Prior, level
 from solver.result import Progress
 from solver.slope import slope
 
@@ -71,7 +72,7 @@ class Unit:
 def minimise_reweighted(
     term: Term,
     prior: Prior,
-    state: State,
+    first: Callable[[], NDArray[np.floating]],
     plan: Reweighting,
     *,
     unit: Unit,
@@ -79,15 +80,17 @@ def minimise_reweighted(
     trail: Trail | None,
     progress: Progress | None,
 ) -> tuple[Outcome, Trail]:
-    """Run all passes from the state; `max_iterations` bounds them together, one iteration each at least."""
-    done = 0
-    maps, epsilons = [], []
-    usable = trail is not None and trail.maps[-1].shape == state.x.shape
+    """Run all passes; `max_iterations` bounds them together, one iteration each at least.
+
+    It starts from the map `first()`, (C, rows, columns) in units of λ, or from the `trail` of a run before,
+    whose outcome is not certified: its gap is NaN.
+    """
+    state = start(first()) if trail is None else _resumed(trail, 0, unit)
+    done, ends = 0, []
     for turn in range(plan.passes + 1):
         last = turn == plan.passes
-        state.epsilon = 0.0
-        if trail is not None and usable:
-            state.x, state.epsilon, state.fit = unit.inward(trail.maps[turn]), trail.epsilons[turn], None
+        if turn and trail is not None:
+            state = replace(_resumed(trail, turn, unit), radius=state.radius, slope=state.slope)
         outcome = minimise(
             term,
             prior,
@@ -96,12 +99,18 @@ def minimise_reweighted(
             limit=max(1, options.max_iterations - done),
             scale=unit.scale**2,
             progress=progress,
-            certify=last,
+            certify=last and trail is None,
         )
         done += outcome.iterations
-        maps.append(unit.outward(state.x))
-        epsilons.append(state.epsilon)
+        ends.append((unit.outward(state.x), state.epsilon))
         if not last:
             state.slope = slope(state.x, plan.edge)
             state.radius[...] = plan.gain / (1 + prior.norms(state.x, state.slope) / plan.epsilon)
-    return replace(outcome, iterations=done), Trail(tuple(maps), tuple(epsilons))
+            state.epsilon = 0.0
+    maps, epsilons = zip(*ends, strict=True)
+    return replace(outcome, iterations=done), Trail(maps, epsilons)
+
+
+def _resumed(trail: Trail, turn: int, unit: Unit) -> State:
+    x = unit.inward(trail.maps[turn])
+    return State(x, np.ones_like(x[0]), level(x), trail.epsilons[turn])

@@ -16,6 +16,9 @@ from solver.kernels.prior import PAD
 from solver.memory_gradient import State
 from solver.prior import Prior
 
+_GROUPS = 2
+"""Partial sums, whatever the number of threads, so that the result does not depend on it."""
+
 _AROUND = 3.0
 """Deviation of the Gaussian that moves what the duals leave at unseen pixels to seen ones, fused pixels."""
 
@@ -44,17 +47,16 @@ def sample(
         FusionInputError: no valid sample falls on the grid of frame 0.
     """
     shape = (values.shape[1] * factor, values.shape[2] * factor)
-    weight = np.zeros(shape, np.float32)
-    total = np.zeros(shape, np.float32)
-    squares = np.zeros(1)
-    kernels.scatter(values, weights, positions, factor, weight, total, squares)
+    parts, sums = np.zeros((2, _GROUPS, *shape), np.float32), np.zeros(_GROUPS)
+    kernels.scatter(values, weights, positions, factor, parts[0], parts[1], sums)
+    weight, total = parts.sum(axis=1)
     seen = weight > 0
     if not seen.any():
         raise FusionInputError(
             "no valid pixel falls on the grid of frame 0; expected shifts smaller than the image"
         )
     mean = np.divide(total, weight, out=total, where=seen)
-    constant = float(squares[0] - np.vdot(weight.astype(np.float64), mean.astype(np.float64) ** 2))
+    constant = float(sums.sum() - np.vdot(weight.astype(np.float64), mean.astype(np.float64) ** 2))
     return Samples(weight, mean, max(0.0, constant))
 
 

@@ -39,7 +39,7 @@ class SlidingFusion:
 
     Positions are relative to the first frame pushed, which fixes the grid until `reset` or until the
     newest frame overlaps it by less than half; then the grid moves to the newest frame and the notes of
-    the report say so.
+    the report say so. A map that starts from the one before is not certified: its report has no gap.
 
     Args:
         options: as for `fuse`.
@@ -220,7 +220,7 @@ class SlidingFusion:
             regularization=solution.regularization,
             iterations=solution.iterations,
             objective=solution.objective,
-            gap=solution.gap,
+            gap=None if solution.gap is None or np.isnan(solution.gap) else solution.gap,
             converged=solution.converged,
             seconds=Seconds(registered - begin, time.perf_counter() - registered),
             noise=problem.noise,

@@ -4,27 +4,31 @@ import numpy as np
 from numba import njit, prange
 
 
-@njit(cache=True)
+@njit(parallel=True, cache=True)
 def scatter(values, weights, positions, scale, weight, total, squares):  # type: ignore[no-untyped-def]
     """Add every sample (N, H, W) to the fused pixel floor((position + ½) · scale) under its centre.
 
-    Samples of weight 0 are not used. Adds Σ w to weight, Σ w d to total, Σ w d² to squares[0].
+    Samples of weight 0 are not used. Adds Σ w to weight (G, …), Σ w d to total (G, …), Σ w d² to squares
+    (G,): G partial sums, which the caller adds up.
     """
+    groups = weight.shape[0]
     frames, rows, columns = values.shape
-    fine_rows, fine_columns = weight.shape
-    for k in range(frames):
-        for i in range(rows):
-            for j in range(columns):
-                w = weights[k, i, j]
-                if w <= 0:
-                    continue
-                u = np.floor((float(positions[k, i, j, 0]) + 0.5) * scale)
-                v = np.floor((float(positions[k, i, j, 1]) + 0.5) * scale)
-                if 0 <= u < fine_rows and 0 <= v < fine_columns:
-                    value = values[k, i, j]
-                    weight[int(u), int(v)] += w
-                    total[int(u), int(v)] += w * value
-                    squares[0] += float(w) * float(value) * float(value)
+    for g in prange(groups):
+        mass, moment = weight[g], total[g]
+        fine_rows, fine_columns = mass.shape
+        for k in range(g * frames // groups, (g + 1) * frames // groups):
+            for i in range(rows):
+                for j in range(columns):
+                    w = weights[k, i, j]
+                    if w <= 0:
+                        continue
+                    u = np.floor((float(positions[k, i, j, 0]) + 0.5) * scale)
+                    v = np.floor((float(positions[k, i, j, 1]) + 0.5) * scale)
+                    if 0 <= u < fine_rows and 0 <= v < fine_columns:
+                        value = values[k, i, j]
+                        mass[int(u), int(v)] += w
+                        moment[int(u), int(v)] += w * value
+                        squares[g] += float(w) * float(value) * float(value)
 
 
 @njit(parallel=True, fastmath=True, cache=True)

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.footprint import AreaTerm
-from solver.memory_gradient import start
 from solver.noise import spread, usual_deviation
 from solver.prior import Prior
 from solver.problem import Problem, Solution
@@ -42,7 +41,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     outcome, trail = minimise_reweighted(
         term,
         Prior(problem.options.neighbourhood),
-        start(term.mean()),
+        term.mean,
         Reweighting(_PASSES, _GAIN, _EPSILON * extent / strength, _EDGE * extent / strength),
         unit=Unit(strength, middle),
         options=problem.options,

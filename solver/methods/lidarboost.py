@@ -9,7 +9,6 @@ CVPR 2009. The whole image is solved at once; W_k is sparse (one fused pixel und
 import numpy as np
 
 from solver.fill import smoothed
-from solver.memory_gradient import start
 from solver.noise import spread, usual_deviation
 from solver.prior import Prior
 from solver.problem import Problem, Solution
@@ -31,11 +30,10 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     # In units of λ about the middle of the data, so that float32 serves any unit and λ is 1.
     middle = 0.5 * (float(samples.mean[seen].min()) + float(samples.mean[seen].max()))
     mean = np.where(seen, (samples.mean - middle) / strength, 0).astype(np.float32)
-    first = smoothed(mean, samples.weight, problem.options.upsampling)
     outcome, trail = minimise_reweighted(
         SparseTerm(samples.weight, mean, samples.constant / strength**2),
         Prior(problem.options.neighbourhood),
-        start(first[None]),
+        lambda: smoothed(mean, samples.weight, problem.options.upsampling)[None],
         Reweighting(),
         unit=Unit(strength, middle),
         options=problem.options,

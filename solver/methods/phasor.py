@@ -12,7 +12,6 @@ import numpy as np
 
 from solver.errors import FusionInputError
 from solver.footprint import AreaTerm
-from solver.memory_gradient import start
 from solver.plausibility import plausible
 from solver.prior import Prior
 from solver.problem import Problem, Solution
@@ -58,7 +57,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     outcome, trail = minimise_reweighted(
         term,
         Prior(problem.options.neighbourhood),
-        start(term.mean()),
+        term.mean,
         Reweighting(_PASSES, _GAIN, _EPSILON / strength, _EDGE / strength),
         unit=Unit(strength * usual),
         options=problem.options,
