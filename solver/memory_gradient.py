@@ -131,7 +131,7 @@ def minimise(
         history.append(value)
         fit -= fall
         error = _error(history)
-        settled = hidden <= hide * value and error <= tolerance * value
+        settled = bool(hidden <= hide * value and error <= tolerance * value)
         known = error if np.isfinite(error) else 0.0
         if hidden > max(0.5 * hide * value, _PATIENCE * known):
             state.epsilon *= _FALL
@@ -201,7 +201,7 @@ class _Descent:
             self._curved,
             self._curved_step,
         )
-        return value, hidden, fall
+        return float(value), float(hidden), float(fall)
 
 
 def _least(bends: NDArray[np.float64], along: float, across: float) -> tuple[float, float]:
