@@ -6,7 +6,8 @@ For E(X) = Σ Ω (y − A X)² + Σ ‖∇X‖₂ (λ = 1), any residual variabl
 
 (Fenchel duality; Boyd, Vandenberghe, "Convex Optimization", section 5). An iteration's r = 2 Ω (y − A X) and
 p meet the equation only in the limit. Here p is corrected by the least change of its unit differences that
-meets it, a Poisson equation, and both are then shrunk until every group is in its ball.
+meets it, a Poisson equation, and both are then shrunk until every group is in its ball. Sparse samples take
+any ∇ᵀp where they fall, so only what is left at unseen pixels is corrected, against the seen ones around.
 """
 
 import cv2

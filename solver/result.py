@@ -27,7 +27,7 @@ class Report:
         regularization: the λ used, or None for methods without one.
         iterations: iterations of the solve.
         objective: value of the method's objective at the result, or None for methods without one.
-        gap: relative duality gap (P − D) / P, or None for methods without one.
+        gap: relative duality gap (P − D) / P, or None for methods without one and for a stream's later maps.
         converged: whether the stopping rule was met within `max_iterations`.
         seconds: time of registration and of the solve.
         noise: c in σ(distance) = c / amplitude (given or estimated); without amplitude, σ itself.

@@ -4,6 +4,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
+from solver.certificate import transferred
 from solver.footprint import AreaTerm
 from solver.memory_gradient import Outcome, Term, minimise, start
 from solver.options import NEIGHBOURHOOD, Footprint
@@ -127,3 +128,28 @@ def test_the_gap_bounds_the_error_long_before_convergence() -> None:
         )
         assert early.gap >= (early.objective - best) / early.objective - 1e-9
         assert early.objective >= best * (1 - 1e-9)
+
+
+def test_what_unseen_pixels_leave_goes_to_seen_ones_around() -> None:
+    rng = np.random.default_rng(4)
+    excess, seen = rng.normal(size=(40, 50)), rng.random((40, 50)) < 0.4
+    moved = transferred(excess, seen, 3.0)
+    np.testing.assert_allclose(moved[~seen], excess[~seen], atol=1e-12)
+    assert abs(moved.sum()) < 1e-6 * np.abs(excess).sum()
+
+
+def test_the_objective_never_rises() -> None:
+    rng = np.random.default_rng(5)
+    weight = (rng.random((30, 30)) < 0.4).astype(float)
+    mean = 3 * weight * rng.normal(size=(30, 30))
+    seen: list[float] = []
+    minimise(
+        SparseTerm(weight, mean, 0.0),
+        Prior(),
+        start(np.zeros((1, 30, 30))),
+        tolerance=1e-7,
+        limit=400,
+        progress=lambda _, objective, __: seen.append(objective),
+    )
+    assert len(seen) > 10
+    assert np.all(np.diff(seen) <= 1e-9 * seen[0])
