@@ -40,9 +40,10 @@ METHODS: tuple[Method, ...] = (
 AMBIGUITY_RANGE = 400.0  # the object spans 0..182
 
 # Bytes that one iteration's kernels move per fused pixel, float32, each array once a kernel. Direction: map,
-# data gradient, last step and direction of every channel, stiffness, curvature and radius; the data's operator
-# on the direction; products: four arrays a channel and the stiffness; step: six arrays a channel, four of them
-# written too. With a footprint the operator reads five stencil images and a right side, the prior two slopes.
+# data gradient, last step and direction of every channel, stiffness, curvature and radius; the data's
+# operator on the direction; products: four arrays a channel and the stiffness; step: six arrays a channel,
+# four of them written too. With a footprint the operator reads five stencil images and a right side, the
+# prior two slopes.
 TRAFFIC = {
     "lidarboost": 4 * (4 + 3 + 3 + 4 + 1 + 10),
     "area": 4 * (4 + 2 + 3 + 8 + 4 + 1 + 10),
