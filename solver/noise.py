@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from solver.problem import Problem
 
 _MEDIAN_TO_SIGMA = 1.4826  # of the absolute value of a normal variable
+_STANDS = 2.5  # deviations from which a step is one of the scene's: of noise alone, one in eighty is
 _ENOUGH = 20_000  # values for a median or a percentile to a per cent
 _FRAMES = 5  # enough samples for a median to a per cent, at a bounded cost
 
@@ -81,3 +82,21 @@ def spread(distance: NDArray[np.float32]) -> float:
     values = distance[np.isfinite(distance)]
     low, high = np.percentile(values[:: max(1, values.size // _ENOUGH)], [2, 98])
     return float(high - low)
+
+
+def relief(problem: Problem) -> float:
+    """The mean step between neighbouring pixels, counting those that stand out of their noise."""
+    count = len(problem.distance)
+    picked = np.linspace(0, count - 1, min(count, _FRAMES)).astype(int)
+    distance, variance = problem.distance[picked], problem.sigma[picked] ** 2
+    down = _standing(distance[:, 1:] - distance[:, :-1], variance[:, 1:] + variance[:, :-1])
+    across = _standing(distance[..., 1:] - distance[..., :-1], variance[..., 1:] + variance[..., :-1])
+    return 0.5 * (down + across)
+
+
+def _standing(step: NDArray[np.float32], variance: NDArray[np.float32]) -> float:
+    known = np.isfinite(step) & np.isfinite(variance)
+    if not known.any():
+        return 0.0
+    size = np.abs(step[known])
+    return float(np.where(size**2 > _STANDS**2 * variance[known], size, 0).mean(dtype=np.float64))

@@ -146,6 +146,35 @@ def test_phasor_bridges_what_is_too_dark_and_says_so() -> None:
     assert np.median(lit) > 3 * np.median(fused.deviation[:24])
 
 
+def test_area_leaves_out_samples_whose_phase_is_lost() -> None:
+    rng = np.random.default_rng(6)
+    distance, amplitude = 2 + 0.1 * rng.normal(size=(10, 20, 24)), np.full((10, 20, 24), 1000.0)
+    distance[:, 5:15, 7:17] = rng.uniform(0, 7.5, (10, 10, 10))
+    amplitude[:, 5:15, 7:17] = 100
+    fused = fuse(
+        distance,
+        amplitude,
+        shifts=np.zeros((10, 2)),
+        ambiguity_range=7.5,
+        noise=100.0,
+        options=FusionOptions(method="area"),
+    )
+    assert np.abs(fused.distance - 2.0).max() < 0.15
+
+
+@pytest.mark.parametrize("method", ["mrf", "lidarboost", "area"])
+def test_automatic_regularization_grows_with_the_noise(method: str) -> None:
+    options = FusionOptions(method=method)  # type: ignore[arg-type]
+
+    def used(noise: float) -> float:
+        scene = burst(noise, rows=24, columns=24)
+        found = fuse(scene.distance, shifts=scene.shifts, options=options, noise=noise)
+        assert found.report.regularization is not None
+        return found.report.regularization
+
+    assert used(0.003) < used(0.03) < used(0.1)
+
+
 @pytest.mark.filterwarnings("ignore::solver.FusionWarning")  # what does not fit converges slowly
 def test_a_wrong_footprint_is_worse_than_the_right_one() -> None:
     scene = burst(0.01, rows=36, columns=40)
