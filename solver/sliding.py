@@ -19,7 +19,7 @@ from solver.problem import Solution
 from solver.result import Fused, Report, Seconds
 
 _ANCHORS = 3
-"""Frames that a new one is registered with: several, so that one noisy frame does not bend the track."""
+"""Frames that a new one is registered with: spread over the window, so that the track does not drift."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +150,8 @@ class SlidingFusion:
             return np.zeros_like(self._grid)
         from solver.registration import register
 
-        anchors = list(self._window)[-_ANCHORS:]
+        spread = np.linspace(0, len(self._window) - 1, min(_ANCHORS, len(self._window))).astype(int)
+        anchors = [self._window[k] for k in spread]
         base = anchors[0].pose
         poses = [entry.pose for entry in anchors]
         poses.append(guess if guess is not None else poses[-1])

@@ -22,7 +22,7 @@ METHODS: tuple[Method, ...] = ("lidarboost", "area", "phasor")
 
 
 def measure(method: Method, window: int, maps: int) -> tuple[float, float, float, float]:
-    """Medians over some maps: seconds in all, of them registration, iterations; then the RMS error, metres."""
+    """Medians over some maps: seconds, of them registration, iterations; then the RMS error, metres."""
     recording = open_recording(RECORDING)
     frames = list(recording.frames())
     distance, amplitude = stack(frames, recording.calibration)
