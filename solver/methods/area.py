@@ -33,8 +33,9 @@ _MOST = 4.0
 
 _LOST = 12.0
 """Samples with a deviation over a twelfth of the ambiguity range are left out: noise wraps their phase, and
-what wraps errs by whole ranges. Saves a third of the squared error on the recording with a dark print, at
-four times its noise."""
+what wraps errs by whole ranges. On the recording with a dark print, at four times its noise, the squared
+error falls by a third (5 % where both are iterated to the end: their weak pull also ends the iteration too
+early), in four times the iterations; at its own noise nothing changes."""
 
 
 def solve(problem: Problem, *, initial: Solution | None = None, progress: Progress | None = None) -> Solution:
