@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.kernels import prior as kernels
+from solver.kernels import dual as duals
 from solver.options import NEIGHBOURHOOD
 
 
@@ -22,7 +22,7 @@ def slope(dual: NDArray[np.floating], weights: NDArray[np.floating]) -> NDArray[
     """∇ᵀ dual without padding, (C, rows, columns), for dual (C, 6, rows + 4, columns + 4)."""
     out = np.empty((len(dual), dual.shape[2] - 4, dual.shape[3] - 4), dual.dtype)
     for channel, variables in enumerate(dual):
-        kernels.transpose(variables, weights.astype(np.float64), out[channel])
+        duals.transpose(variables, weights.astype(np.float64), out[channel])
     return out
 
 

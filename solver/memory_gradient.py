@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.kernels import prior as kernels
+from solver.kernels import step as steps
 from solver.prior import Prior, level
 from solver.result import Progress
 
@@ -185,13 +186,13 @@ class _Descent:
         )
         value, hidden, along, across, data_along, data_across = sums
         self._term.multiply(self._direction, self._curved)
-        bends = kernels.curvatures(
+        bends = steps.curvatures(
             self._direction, self._step, self._curved, self._curved_step, self._stiffness, self._up
         )
         a, b = _least(bends[:3] + bends[3:], along, across)
         fall = -(a * data_along + b * data_across)
         fall -= 0.5 * (a * a * bends[3] + 2 * a * b * bends[4] + b * b * bends[5])
-        kernels.advance(
+        steps.advance(
             kind(a),
             kind(b),
             state.x,

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.kernels import dual
 from solver.kernels import prior as kernels
 from solver.options import NEIGHBOURHOOD, Offset
 
@@ -54,7 +55,7 @@ class Prior:
         """
         stiffness = radius / np.maximum(self.norms(x, slope), x.dtype.type(epsilon))
         out: NDArray[np.floating] = np.zeros((len(x), len(NEIGHBOURHOOD), *x.shape[1:]), x.dtype)
-        kernels.duals(x, slope, stiffness, self._tables(x), out)
+        dual.duals(x, slope, stiffness, self._tables(x), out)
         return out
 
     def _tables(self, x: NDArray[np.floating]) -> NDArray[np.floating]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 PAD = 2
 """The widest difference spans two pixels."""
 
-_ROWS, _COLUMNS = (0, 1, 1, 1, 0, 2), (1, 0, 1, -1, 2, 0)
+ROWS, COLUMNS = (0, 1, 1, 1, 0, 2), (1, 0, 1, -1, 2, 0)
 """The differences' offsets."""
 
 _TILE_ROWS = 36
@@ -188,8 +188,8 @@ def descend(  # type: ignore[no-untyped-def]
         for k in range(6):
             for j in range(n):
                 own[kind, j] += up[kind, k, j]
-                tilts[kind, 0, j] += _ROWS[k] * up[kind, k, j]
-                tilts[kind, 1, j] += _COLUMNS[k] * up[kind, k, j]
+                tilts[kind, 0, j] += ROWS[k] * up[kind, k, j]
+                tilts[kind, 1, j] += COLUMNS[k] * up[kind, k, j]
     for tile in prange(tiles):
         top, end = tile * rows // tiles, (tile + 1) * rows // tiles
         ring, pulls = np.zeros((3, n + 4), x.dtype), np.zeros((3, channels, 2, n + 4), x.dtype)
@@ -234,80 +234,6 @@ def descend(  # type: ignore[no-untyped-def]
     return sums.sum(axis=0)
 
 
-@njit(fastmath=True)
-def _add_bends(i, direction, step, stiffness, up, sums):  # type: ignore[no-untyped-def]
-    """Add ⟨z, Lz⟩, ⟨z, Ld⟩, ⟨d, Ld⟩ of row i, L the majorant's operator, one channel."""
-    n = direction.shape[1] - 4
-    a, b = direction[i, 2 : 2 + n], step[i, 2 : 2 + n]
-    a0, a4, b0, b4 = direction[i, 3 : 3 + n], direction[i, 4 : 4 + n], step[i, 3 : 3 + n], step[i, 4 : 4 + n]
-    a1, a2, a3 = direction[i + 1, 2 : 2 + n], direction[i + 1, 3 : 3 + n], direction[i + 1, 1 : 1 + n]
-    b1, b2, b3 = step[i + 1, 2 : 2 + n], step[i + 1, 3 : 3 + n], step[i + 1, 1 : 1 + n]
-    a5, b5, slack = direction[i + 2, 2 : 2 + n], step[i + 2, 2 : 2 + n], stiffness[i, 2 : 2 + n]
-    w0, w1, w2, w3, w4, w5 = up[0], up[1, 0], up[2], up[3], up[4], up[5, 0]
-    zz = zd = dd = direction.dtype.type(0)
-    for j in range(n):
-        z, d = a[j], b[j]
-        z0, z1, z2, z3, z4, z5 = z - a0[j], z - a1[j], z - a2[j], z - a3[j], z - a4[j], z - a5[j]
-        d0, d1, d2, d3, d4, d5 = d - b0[j], d - b1[j], d - b2[j], d - b3[j], d - b4[j], d - b5[j]
-        y0, y1, y2, y3, y4, y5 = w0[j] * z0, w1 * z1, w2[j] * z2, w3[j] * z3, w4[j] * z4, w5 * z5
-        far = w3[j] * d3 * d3 + w4[j] * d4 * d4 + w5 * d5 * d5
-        zz += slack[j] * (y0 * z0 + y1 * z1 + y2 * z2 + y3 * z3 + y4 * z4 + y5 * z5)
-        zd += slack[j] * (y0 * d0 + y1 * d1 + y2 * d2 + y3 * d3 + y4 * d4 + y5 * d5)
-        dd += slack[j] * (w0[j] * d0 * d0 + w1 * d1 * d1 + w2[j] * d2 * d2 + far)
-    sums[0] += zz
-    sums[1] += zd
-    sums[2] += dd
-
-
-@njit(fastmath=True)
-def _add_products(direction, step, curved_direction, curved_step, sums):  # type: ignore[no-untyped-def]
-    """The same of the data term's operator, whose products with both are given."""
-    n = direction.size
-    z, d, u, v = direction[:n], step[:n], curved_direction[:n], curved_step[:n]
-    zz = zd = dd = direction.dtype.type(0)
-    for j in range(n):
-        zz += z[j] * u[j]
-        zd += d[j] * u[j]
-        dd += d[j] * v[j]
-    sums[3] += zz
-    sums[4] += zd
-    sums[5] += dd
-
-
-@njit(parallel=True, cache=True)
-def curvatures(direction, step, curved_direction, curved_step, stiffness, up):  # type: ignore[no-untyped-def]
-    """(6,) float64: the majorant's and then the data's ⟨z, Hz⟩, ⟨z, Hd⟩, ⟨d, Hd⟩, z direction, d step."""
-    channels, rows, n = direction.shape[0], direction.shape[1] - 4, direction.shape[2] - 4
-    sums = np.zeros((rows, 6))
-    for row in prange(rows):
-        i = row + 2
-        for c in range(channels):
-            _add_bends(i, direction[c], step[c], stiffness, up[max(0, row + 3 - rows)], sums[row])
-            _add_products(
-                direction[c, i, 2 : 2 + n],
-                step[c, i, 2 : 2 + n],
-                curved_direction[c, i, 2 : 2 + n],
-                curved_step[c, i, 2 : 2 + n],
-                sums[row],
-            )
-    return sums.sum(axis=0)
-
-
-@njit(parallel=True, fastmath=True, cache=True)
-def advance(a, b, x, data, direction, step, curved_direction, curved_step):  # type: ignore[no-untyped-def]
-    """step ← a · direction + b · step, which is added to x; the same of their curved ones, added to data."""
-    for row in prange(x.shape[1]):
-        for c in range(x.shape[0]):
-            at, z, d = x[c, row], direction[c, row], step[c, row]
-            for j in range(at.size):
-                d[j] = a * z[j] + b * d[j]
-                at[j] += d[j]
-            slope, u, v = data[c, row], curved_direction[c, row], curved_step[c, row]
-            for j in range(slope.size):
-                v[j] = a * u[j] + b * v[j]
-                slope[j] += v[j]
-
-
 @njit(parallel=True, cache=True)
 def norms(x, slope, up, out):  # type: ignore[no-untyped-def]
     """out (rows + 4, columns + 4) ← ‖∇x − slope‖₂ by pixel, all channels in one group."""
@@ -317,42 +243,6 @@ def norms(x, slope, up, out):  # type: ignore[no-untyped-def]
         for c in range(channels):
             _add_squares(row + 2, x[c], slope[c], up[max(0, row + 3 - rows)], squares)
         out[row + 2, 2 : 2 + n] = np.sqrt(squares)
-
-
-@njit(parallel=True, fastmath=True, cache=True)
-def duals(x, slope, stiffness, up, out):  # type: ignore[no-untyped-def]
-    """out (C, 6, rows + 4, columns + 4) ← stiffness · (∇x − slope), every group in its ball."""
-    channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
-    for row in prange(rows):
-        i, weights = row + 2, np.sqrt(up[max(0, row + 3 - rows)])
-        for c in range(channels):
-            for k in range(6):
-                down, right = _ROWS[k], _COLUMNS[k]
-                here, there = x[c, i, 2 : 2 + n], x[c, i + down, 2 + right : 2 + right + n]
-                for j in range(n):
-                    difference = here[j] - there[j]
-                    if slope.shape[2] > 0:
-                        difference += down * slope[c, 0, i, 2 + j] + right * slope[c, 1, i, 2 + j]
-                    out[c, k, i, 2 + j] = stiffness[i, 2 + j] * weights[k, j] * difference
-
-
-@njit(parallel=True, fastmath=True, cache=True)
-def transpose(dual, weights, out):  # type: ignore[no-untyped-def]
-    """out (rows, columns) ← ∇ᵀ dual, one channel (6, rows + 4, columns + 4), in out's precision."""
-    rows, n = out.shape
-    w0, w1, w2, w3, w4, w5 = weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
-    for row in prange(rows):
-        i = row + 2
-        a0, b0 = dual[0, i, 2 : 2 + n], dual[0, i, 1 : 1 + n]
-        a1, b1 = dual[1, i, 2 : 2 + n], dual[1, i - 1, 2 : 2 + n]
-        a2, b2 = dual[2, i, 2 : 2 + n], dual[2, i - 1, 1 : 1 + n]
-        a3, b3 = dual[3, i, 2 : 2 + n], dual[3, i - 1, 3 : 3 + n]
-        a4, b4 = dual[4, i, 2 : 2 + n], dual[4, i, 0:n]
-        a5, b5 = dual[5, i, 2 : 2 + n], dual[5, i - 2, 2 : 2 + n]
-        for j in range(n):
-            slope = w0 * (float(a0[j]) - b0[j]) + w1 * (float(a1[j]) - b1[j])
-            slope += w2 * (float(a2[j]) - b2[j]) + w3 * (float(a3[j]) - b3[j])
-            out[row, j] = slope + w4 * (float(a4[j]) - b4[j]) + w5 * (float(a5[j]) - b5[j])
 
 
 def tables(weights: NDArray[np.floating], columns: int) -> NDArray[np.floating]:
