@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from solver.certificate import shrinkage, slope
 from solver.errors import FusionInputError
 from solver.fill import nearest
+from solver.kernels import blur, team
 from solver.kernels import footprint as kernels
 from solver.kernels.prior import PAD
-from solver.memory_gradient import State
+from solver.memory_gradient import Operator, State
 from solver.options import Footprint
 from solver.prior import Prior
 
@@ -83,26 +84,23 @@ class AreaTerm:
             )
         self._stencil, self._side = stencil[0] + stencil[1], side[0] + side[1]
         self._blurred = np.zeros(nodes, kind)
-        self._none = np.zeros(nodes, kind)
         # A footprint's row sum bounds its curvature; half of it was measured to need the fewest iterations.
         inside = np.pad(np.ones((1, rows, columns), kind), [(0, 0), (PAD,) * 2, (PAD,) * 2])
         sums = np.zeros_like(inside)
-        self.multiply(inside, sums)
+        self._transform(inside, np.zeros((1, 0, 0), kind), sums)
         self.curvature: NDArray[np.floating] = sums[0] / 2
 
+    def operator(self) -> Operator:
+        return Operator((self._stencil, self._side, self._taps, self._size), None)
+
     def gradient(self, x: NDArray[np.floating], out: NDArray[np.floating]) -> None:
-        for channel, side, target in zip(x, self._side, out, strict=True):
-            self._apply(channel, side, target)
+        """out ← the gradient at the padded map x."""
+        self._transform(x, self._side, out)
 
-    def multiply(self, x: NDArray[np.floating], out: NDArray[np.floating]) -> None:
-        for channel, target in zip(x, out, strict=True):
-            self._apply(channel, self._none, target)
-
-    def _apply(
-        self, channel: NDArray[np.floating], side: NDArray[np.floating], out: NDArray[np.floating]
+    def _transform(
+        self, x: NDArray[np.floating], side: NDArray[np.floating], out: NDArray[np.floating]
     ) -> None:
-        factor = out.dtype.type(2)
-        kernels.gradient(channel, self._stencil, side, self._taps, self._size, factor, out)
+        team.run(blur.transform, x, self._stencil, side, self._taps, self._size, x.dtype.type(2), out)
 
     def mean(self) -> NDArray[np.floating]:
         """(C, rows, columns): the mean of the samples that see each pixel; beyond them, the nearest's."""
@@ -139,7 +137,7 @@ class AreaTerm:
         """(C, 5), see `kernels.residuals`."""
         sums = []
         for channel, values in zip(x, self._values, strict=True):
-            kernels.blur(channel, self._taps, self._size, self._blurred)
+            blur.blur(channel, self._taps, self._size, self._blurred)
             sums.append(
                 kernels.residuals(
                     values, self._weights, self._positions, self._scale, self._offset, self._blurred

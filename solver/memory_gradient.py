@@ -18,8 +18,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.kernels import prior as kernels
-from solver.kernels import step as steps
+from solver.kernels import iteration as loop
+from solver.kernels import team
+from solver.kernels.direction import doubled
+from solver.kernels.prior import PAD
 from solver.prior import Prior, level
 from solver.result import Progress
 
@@ -35,6 +37,12 @@ _LEAST = 0.01
 
 _ROUNDING = 0.125
 """Of the tolerance: what the rounding may hide of the objective in the end."""
+
+_BOUT = 10
+"""Iterations between two reports of progress; between them nothing is heard, an interrupt neither."""
+
+_SMALL = 20_000
+"""Fused pixels, times channels, under which a second thread gains nothing."""
 
 _REFRESH = 20
 """Iterations after which the data term's gradient, till then updated, is computed anew against rounding."""
@@ -55,6 +63,19 @@ class State:
     """The data term's value at this map, where it is known."""
 
 
+@dataclass(frozen=True, slots=True)
+class Operator:
+    """The second derivative of a data term, as the compiled loop takes it.
+
+    Attributes:
+        footprint: (stencil, side, taps, size) of `kernels.blur.apply`; None = diagonal, the term's curvature.
+        mean: (C, rows + 4, columns + 4), the map that a diagonal operator draws to.
+    """
+
+    footprint: tuple[Image, Image, Image, int] | None
+    mean: Image | None
+
+
 class Term(Protocol):
     """A convex quadratic data term, all in units of λ."""
 
@@ -63,12 +84,8 @@ class Term(Protocol):
         """(rows + 4, columns + 4), positive where data fall: what stands for its operator's diagonal."""
         ...
 
-    def gradient(self, x: Image, out: Image) -> None:
-        """out ← its gradient at the padded map x."""
-        ...
-
-    def multiply(self, x: Image, out: Image) -> None:
-        """out ← its operator (second derivative) times x."""
+    def operator(self) -> Operator:
+        """Its second derivative."""
         ...
 
     def value(self, x: Image) -> float:
@@ -93,7 +110,7 @@ class Outcome:
 
 def start(initial: Image) -> State:
     """A state at the map (C, rows, columns)."""
-    x = np.ascontiguousarray(np.pad(initial, [(0, 0), (kernels.PAD,) * 2, (kernels.PAD,) * 2]))
+    x = np.ascontiguousarray(np.pad(initial, [(0, 0), (PAD,) * 2, (PAD,) * 2]))
     return State(x, np.ones_like(x[0]), level(x))
 
 
@@ -123,21 +140,17 @@ def minimise(
     hide = _ROUNDING * tolerance if rounding is None else rounding
     descent = _Descent(term, prior, state)
     fit = term.value(state.x) if state.fit is None else state.fit
-    state.epsilon = state.epsilon or _first_epsilon(prior.norms(state.x, state.slope))
-    history: list[float] = []
-    settled = False
+    epsilon = state.epsilon or _first_epsilon(prior.norms(state.x, state.slope))
+    numbers = np.array([epsilon, fit, 0.0, 0.0])
+    history, settled = np.zeros(0), False
     while len(history) < limit and not settled:
-        roughness, hidden, fall = descent.step(len(history) % _REFRESH == 0)
-        value = fit + roughness
-        history.append(value)
-        fit -= fall
-        error = _error(history)
-        settled = bool(hidden <= hide * value and error <= tolerance * value)
-        known = error if np.isfinite(error) else 0.0
-        if hidden > max(0.5 * hide * value, _PATIENCE * known):
-            state.epsilon *= _FALL
-        if progress is not None and len(history) % 10 == 0:
-            progress(len(history), value * scale, None)
+        history = np.append(history, np.zeros(min(_BOUT, limit - len(history))))
+        descent.iterate(numbers, history, (tolerance, hide, _FALL, _PATIENCE, _REFRESH))
+        count, settled = int(numbers[loop.DONE]), bool(numbers[loop.SETTLED])
+        history = history[:count]
+        if progress is not None:
+            progress(count, float(history[-1]) * scale, None)
+    state.epsilon = float(numbers[loop.EPSILON])
     gap = float("nan")
     if certify:
         dual = prior.duals(state.x, state.radius, state.slope, state.epsilon)
@@ -150,7 +163,7 @@ def minimise(
 
 
 def _first_epsilon(norms: Image) -> float:
-    mean = float(norms[kernels.PAD : -kernels.PAD, kernels.PAD : -kernels.PAD].mean())
+    mean = float(norms[PAD : -PAD, PAD : -PAD].mean())
     return min(max(mean, _LEAST), _EPSILON) if mean > 0 else _EPSILON
 
 
@@ -158,76 +171,26 @@ class _Descent:
     """The arrays of one run."""
 
     def __init__(self, term: Term, prior: Prior, state: State) -> None:
-        self._term, self._state = term, state
-        kind = state.x.dtype
-        self._weights = prior.weights.astype(kind) ** 2
-        self._up = kernels.tables(prior.weights.astype(kind), state.x.shape[2] - 4)
-        self._data, self._direction, self._step = (np.zeros_like(state.x) for _ in range(3))
-        self._curved, self._curved_step = np.zeros_like(state.x), np.zeros_like(state.x)
-        self._stiffness = np.zeros_like(state.radius)
+        x = state.x
+        self._map = (x, state.slope, state.radius)
+        self._weights = (prior.tables(x), doubled(prior.weights.astype(x.dtype) ** 2), term.curvature)
+        operator, none = term.operator(), np.zeros((len(x), 0, 0), x.dtype)
+        if operator.footprint is None:
+            self._footprint = (none, none, np.zeros(0, x.dtype), 0)
+            self._data, curved = operator.mean, (none, none)
+        else:
+            self._footprint = operator.footprint
+            self._data, curved = np.zeros_like(x), (np.zeros_like(x), np.zeros_like(x))
+        self._step = np.zeros_like(x)
+        self._work = (np.zeros_like(x), *curved, np.zeros_like(state.radius))
+        self._sums = np.zeros((2, x.shape[1] - 4, 6))
 
-    def step(self, refresh: bool) -> tuple[float, float, float]:
-        """Move the map; the rounded prior before, what it hides, and the fall of the data term."""
-        state, kind = self._state, self._state.x.dtype.type
-        if refresh:
-            self._term.gradient(state.x, self._data)
-        sums = kernels.descend(
-            state.x,
-            state.slope,
-            state.radius,
-            kind(state.epsilon),
-            self._up,
-            self._weights,
-            self._term.curvature,
-            self._data,
-            self._step,
-            self._stiffness,
-            self._direction,
+    def iterate(
+        self, numbers: NDArray[np.float64], history: NDArray[np.float64], rule: tuple[float, ...]
+    ) -> None:
+        """Fill `history`, or stop where the objective has settled; see `solver.kernels.iteration`."""
+        arrays = (self._footprint, self._data, self._step, self._work, self._sums)
+        alone = self._step.size < _SMALL
+        team.run(
+            loop.iterate, *self._map, *self._weights, *arrays, rule, numbers, history, alone=alone
         )
-        value, hidden, along, across, data_along, data_across = sums
-        self._term.multiply(self._direction, self._curved)
-        bends = steps.curvatures(
-            self._direction, self._step, self._curved, self._curved_step, self._stiffness, self._up
-        )
-        a, b = _least(bends[:3] + bends[3:], along, across)
-        fall = -(a * data_along + b * data_across)
-        fall -= 0.5 * (a * a * bends[3] + 2 * a * b * bends[4] + b * b * bends[5])
-        steps.advance(
-            kind(a),
-            kind(b),
-            state.x,
-            self._data,
-            self._direction,
-            self._step,
-            self._curved,
-            self._curved_step,
-        )
-        return float(value), float(hidden), float(fall)
-
-
-def _least(bends: NDArray[np.float64], along: float, across: float) -> tuple[float, float]:
-    """(a, b) of the least a · along + b · across + ½ (a, b) H (a, b)ᵀ, H = [[zz, zd], [zd, dd]]."""
-    zz, zd, dd = bends
-    if zz <= 0:
-        return 0.0, 0.0
-    determinant = zz * dd - zd * zd
-    # Parallel directions, and the first step, which has no other, leave one; float32 tells no more.
-    if determinant <= 1e-5 * zz * dd:
-        return -along / zz, 0.0
-    return (zd * across - dd * along) / determinant, (zd * along - zz * across) / determinant
-
-
-def _error(history: list[float]) -> float:
-    """How far the last objective is above the least, estimated; infinite while it is too early to tell.
-
-    Two falls over a third of the iterations each, the older d and the later e: if falls go on with the
-    ratio e / d, what is left is e² / (d − e). Three times the estimate, and at least the last
-    fall, is for falls that slow down.
-    """
-    span = max(3, len(history) // 3)
-    if len(history) <= 2 * span:
-        return float("inf")
-    last, before, first = history[-1], history[-1 - span], history[-1 - 2 * span]
-    older, later = max(first - before, 0.0), max(before - last, 0.0)
-    ratio = min(later / older, 0.95) if older > 0 else 0.0
-    return later * max(1.0, 3 * ratio / (1 - ratio))

@@ -39,7 +39,7 @@ class Prior:
     ) -> NDArray[np.floating]:
         """(rows + 4, columns + 4): ‖∇x − slope‖₂ by pixel of a padded map."""
         out: NDArray[np.floating] = np.zeros(x.shape[1:], x.dtype)
-        kernels.norms(x, level(x) if slope is None else slope, self._tables(x), out)
+        kernels.norms(x, level(x) if slope is None else slope, self.tables(x), out)
         return out
 
     def duals(
@@ -55,10 +55,11 @@ class Prior:
         """
         stiffness = radius / np.maximum(self.norms(x, slope), x.dtype.type(epsilon))
         out: NDArray[np.floating] = np.zeros((len(x), len(NEIGHBOURHOOD), *x.shape[1:]), x.dtype)
-        dual.duals(x, slope, stiffness, self._tables(x), out)
+        dual.duals(x, slope, stiffness, self.tables(x), out)
         return out
 
-    def _tables(self, x: NDArray[np.floating]) -> NDArray[np.floating]:
+    def tables(self, x: NDArray[np.floating]) -> NDArray[np.floating]:
+        """`up` of `solver.kernels.prior` for a padded map."""
         return kernels.tables(self.weights.astype(x.dtype), x.shape[2] - 4)
 
 

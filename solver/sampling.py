@@ -13,7 +13,7 @@ from solver.certificate import shrinkage, slope, transferred
 from solver.errors import FusionInputError
 from solver.kernels import sparse as kernels
 from solver.kernels.prior import PAD
-from solver.memory_gradient import State
+from solver.memory_gradient import Operator, State
 from solver.prior import Prior
 
 _GROUPS = 2
@@ -75,12 +75,8 @@ class SparseTerm:
     def curvature(self) -> NDArray[np.floating]:
         return self._twice
 
-    def gradient(self, x: NDArray[np.floating], out: NDArray[np.floating]) -> None:
-        np.subtract(x[0], self._mean, out=out[0])
-        out[0] *= self._twice
-
-    def multiply(self, x: NDArray[np.floating], out: NDArray[np.floating]) -> None:
-        np.multiply(x[0], self._twice, out=out[0])
+    def operator(self) -> Operator:
+        return Operator(None, self._mean[None])
 
     def value(self, x: NDArray[np.floating]) -> float:
         return float(kernels.misfit(x[0], self._weight, self._mean)) + self._constant
