@@ -12,10 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.noise import usual_deviation
+from solver.kernels import sparse as kernels
 from solver.prior import Prior
 from solver.problem import Problem, Solution
-from solver.sampling import sample
 
 _LEVEL, _SLOPED = (0.33, 0.14, 0.21), {"area": (0.20, 0.04, 0.03), "phasor": (0.17, 0.03, 0.08)}
 """Floor, share of σ / λ, and b: for a prior of first order, and by method for one that lets ramps pass."""
@@ -26,15 +25,18 @@ _SINGLE = ("nearest", "bicubic")
 
 def sample_precision(problem: Problem) -> NDArray[np.float32]:
     """(βH, βW): Σ 1 / σ² of the samples on each fused pixel, relative to the usual sample's; 0 = none."""
-    used = np.isfinite(problem.distance)
-    if not problem.noise:
-        weights = used.astype(np.float32)
-    else:
-        least = np.float32(np.finfo(np.float32).tiny)
-        weights = np.where(
-            used, np.maximum((usual_deviation(problem) / problem.sigma) ** 2, least), np.float32(0)
-        )
-    return sample(problem.distance, weights, problem.positions, problem.options.upsampling).weight
+    precision = np.zeros(problem.fused_shape, np.float32)
+    noisy = bool(problem.noise)
+    kernels.scatter_precision(
+        problem.distance,
+        problem.sigma if noisy else np.ones_like(problem.sigma),
+        problem.positions,
+        float(problem.options.upsampling),
+        np.float32(problem.usual_deviation if noisy else 1.0),
+        np.finfo(np.float32).tiny,
+        precision,
+    )
+    return precision
 
 
 def deviation(
@@ -50,7 +52,7 @@ def deviation(
     if problem.options.method in _SINGLE:
         near /= np.float32(len(problem.distance))
     # Blurred rounding errors are no samples; a hundredth of a sample stands for none.
-    usual = usual_deviation(problem) if problem.noise else 0.0
+    usual = problem.usual_deviation if problem.noise else 0.0
     floor, share, shift = _SLOPED.get(problem.options.method, _LEVEL)
     relative = solution.relative
     smoothing = 1.0 if relative is None else float(np.hypot(floor, share / relative))

@@ -16,9 +16,6 @@ from solver.kernels.prior import PAD
 from solver.memory_gradient import State
 from solver.prior import Prior
 
-_GROUPS = 2
-"""Partial sums, whatever the number of threads, so that the result does not depend on it."""
-
 _AROUND = 3.0
 """Deviation of the Gaussian that moves what the duals leave at unseen pixels to seen ones, fused pixels."""
 
@@ -31,11 +28,14 @@ class Samples:
         weight: (βH, βW) float32, the sum of the weights of the samples that fell on each pixel.
         mean: (βH, βW) float32, their mean, in the distance's unit; 0 where there are none.
         constant: Σ w_k (d_k − mean)², the part that no map can change.
+        low, high: the least and the largest mean.
     """
 
     weight: NDArray[np.float32]
     mean: NDArray[np.float32]
     constant: float
+    low: float
+    high: float
 
 
 def sample(
@@ -47,17 +47,14 @@ def sample(
         FusionInputError: no valid sample falls on the grid of frame 0.
     """
     shape = (values.shape[1] * factor, values.shape[2] * factor)
-    parts, sums = np.zeros((2, _GROUPS, *shape), np.float32), np.zeros(_GROUPS)
-    kernels.scatter(values, weights, positions, factor, parts[0], parts[1], sums)
-    weight, total = parts.sum(axis=1)
-    seen = weight > 0
-    if not seen.any():
+    weight, mean = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    squares = kernels.scatter(values, weights, positions, float(factor), weight, mean)
+    moved, low, high = kernels.average(weight, mean)
+    if low > high:
         raise FusionInputError(
             "no valid pixel falls on the grid of frame 0; expected shifts smaller than the image"
         )
-    mean = np.divide(total, weight, out=total, where=seen)
-    constant = float(sums.sum() - np.vdot(weight.astype(np.float64), mean.astype(np.float64) ** 2))
-    return Samples(weight, mean, max(0.0, constant))
+    return Samples(weight, mean, max(0.0, squares - moved), float(low), float(high))
 
 
 class SparseTerm:

@@ -4,31 +4,65 @@ import numpy as np
 from numba import njit, prange
 
 
-@njit(parallel=True, cache=True)
-def scatter(values, weights, positions, scale, weight, total, squares):  # type: ignore[no-untyped-def]
+@njit(cache=True)
+def scatter(values, weights, positions, scale, weight, total):  # type: ignore[no-untyped-def]
     """Add every sample (N, H, W) to the fused pixel floor((position + ½) · scale) under its centre.
 
-    Samples of weight 0 are not used. Adds Σ w to weight (G, …), Σ w d to total (G, …), Σ w d² to squares
-    (G,): G partial sums, which the caller adds up.
+    Samples of weight 0 are not used. Adds Σ w to weight and Σ w d to total; returns Σ w d² in float64. It runs
+    on one thread: a second one would need sums of its own, and fresh memory costs more than it saves.
     """
-    groups = weight.shape[0]
     frames, rows, columns = values.shape
-    for g in prange(groups):
-        mass, moment = weight[g], total[g]
-        fine_rows, fine_columns = mass.shape
-        for k in range(g * frames // groups, (g + 1) * frames // groups):
-            for i in range(rows):
-                for j in range(columns):
-                    w = weights[k, i, j]
-                    if w <= 0:
-                        continue
-                    u = np.floor((float(positions[k, i, j, 0]) + 0.5) * scale)
-                    v = np.floor((float(positions[k, i, j, 1]) + 0.5) * scale)
-                    if 0 <= u < fine_rows and 0 <= v < fine_columns:
-                        value = values[k, i, j]
-                        mass[int(u), int(v)] += w
-                        moment[int(u), int(v)] += w * value
-                        squares[g] += float(w) * float(value) * float(value)
+    fine_rows, fine_columns = weight.shape
+    squares = 0.0
+    for k in range(frames):
+        for i in range(rows):
+            for j in range(columns):
+                w = weights[k, i, j]
+                if w <= 0:
+                    continue
+                u = (float(positions[k, i, j, 0]) + 0.5) * scale
+                v = (float(positions[k, i, j, 1]) + 0.5) * scale
+                if 0 <= u < fine_rows and 0 <= v < fine_columns:
+                    value = values[k, i, j]
+                    weight[int(u), int(v)] += w
+                    total[int(u), int(v)] += w * value
+                    squares += float(w) * float(value) * float(value)
+    return squares
+
+
+@njit(cache=True, error_model="numpy")
+def scatter_precision(distance, sigma, positions, scale, usual, least, precision):  # type: ignore[no-untyped-def]
+    """Add (usual / σ)², at least `least`, of every sample that is not NaN to the fused pixel under it.
+
+    Args: distance, sigma (N, H, W); the others as in `scatter`.
+    """
+    frames, rows, columns = distance.shape
+    fine_rows, fine_columns = precision.shape
+    for k in range(frames):
+        for i in range(rows):
+            for j in range(columns):
+                u = (float(positions[k, i, j, 0]) + 0.5) * scale
+                v = (float(positions[k, i, j, 1]) + 0.5) * scale
+                if not np.isnan(distance[k, i, j]) and 0 <= u < fine_rows and 0 <= v < fine_columns:
+                    ratio = usual / sigma[k, i, j]
+                    precision[int(u), int(v)] += max(ratio * ratio, least)
+
+
+@njit(cache=True, error_model="numpy", fastmath=True)
+def average(weight, total):  # type: ignore[no-untyped-def]
+    """total ← total / weight, 0 where that is 0; returns Σ w m² in float64, the least and the largest mean."""
+    rows, columns = weight.shape
+    square, low, high = 0.0, np.float32(np.finfo(np.float32).max), np.float32(np.finfo(np.float32).min)
+    for i in range(rows):
+        w, m = weight[i], total[i]
+        for j in range(columns):
+            seen = w[j] > 0
+            mean = m[j] / w[j] if seen else np.float32(0)
+            m[j] = mean
+            square += float(w[j]) * float(mean) * float(mean)
+            low = min(low, mean if seen else low)
+            high = max(high, mean if seen else high)
+    return square, low, high
 
 
 @njit(parallel=True, fastmath=True, cache=True)
