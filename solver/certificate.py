@@ -6,11 +6,11 @@ For E(X) = Σ Ω (y − A X)² + Σ ‖∇X‖₂ (λ = 1), any residual variabl
 
 (Fenchel duality; Boyd, Vandenberghe, "Convex Optimization", section 5). An iteration's r = 2 Ω (y − A X) and
 p meet the equation only in the limit. Here p is corrected by the least change of its unit differences that
-meets it, a Poisson equation, and both are then shrunk until every group is in its ball. Sparse samples take
-any ∇ᵀp where they fall, so only what is left at unseen pixels is corrected, against the seen ones around.
+meets it, a Poisson equation, and both are then shrunk until every group is in its ball. Sparse samples need
+neither: they take any ∇ᵀp where they fall, and bounds of the map pay for what is left elsewhere (see
+`kernels.bound`), so each group is brought into its ball alone.
 """
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -63,24 +63,6 @@ def shrinkage(
                 lift += right * _product(padded[k], run, weights[k])
     square /= radius[2:-2, 2:-2] ** 2
     return float(1 / np.sqrt(max(1.0, float(square.max())))), lift
-
-
-def transferred(excess: NDArray[np.floating], seen: NDArray[np.bool_], reach: float) -> NDArray[np.floating]:
-    """The excess of unseen pixels, less the same amount on the seen pixels around: its sum is 0 wherever.
-
-    Args:
-        excess, seen: (rows, columns); reach: deviation of the Gaussian that moves it, pixels.
-    """
-    mask = seen.astype(excess.dtype)
-
-    def spread(image: NDArray[np.floating]) -> NDArray[np.floating]:
-        return np.asarray(cv2.GaussianBlur(image, (0, 0), reach, borderType=cv2.BORDER_CONSTANT))
-
-    density = spread(mask)
-    near = ~seen & (density > 1e-3)
-    loose = np.where(near, excess, 0)
-    back = spread(np.divide(loose, density, out=np.zeros_like(loose), where=near))
-    return np.asarray(loose - mask * back)
 
 
 def _product(dual: NDArray[np.floating], tilt: NDArray[np.floating], weight: np.floating) -> float:

@@ -9,15 +9,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.certificate import shrinkage, slope, transferred
+from solver.certificate import slope
 from solver.errors import FusionInputError
+from solver.kernels import bound as bounds
 from solver.kernels import sparse as kernels
 from solver.kernels.prior import PAD
 from solver.memory_gradient import State
 from solver.prior import Prior
 
-_AROUND = 3.0
-"""Deviation of the Gaussian that moves what the duals leave at unseen pixels to seen ones, fused pixels."""
+_SWEEPS = 8
+"""Of the Poisson equation for what the duals leave at unseen pixels, gaps of a few pixels: 16 close the gap
+by a tenth more, none leaves it ten times as wide on the recorded scenes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,14 +85,12 @@ class SparseTerm:
         return float(kernels.misfit(x[0], self._weight, self._mean)) + self._constant
 
     def certify(self, state: State, dual: NDArray[np.floating], prior: Prior) -> tuple[float, float]:
-        inner = (slice(PAD, -PAD),) * 2
-        weight, mean = self._weight[inner], self._mean[inner]
-        tilt = slope(dual, prior.weights)[0]
+        """See `Term`; the duals are changed."""
         # Where there is no sample the duals' divergence has to be 0; around it, any is allowed.
-        excess = transferred(tilt, weight > 0, _AROUND)
-        most, _ = shrinkage(dual, state.radius, prior.weights, excess[None], state.slope)
-        tilt = (tilt - excess) * tilt.dtype.type(most)
-        least = float(kernels.least(tilt, weight, mean, self._low, self._high)) + self._constant
+        phi = bounds.potential(slope(dual, prior.weights)[0], self._weight, _SWEEPS)
+        bounds.correct(dual[0], phi, prior.weights[:2].astype(dual.dtype), state.radius)
+        tilt = slope(dual, prior.weights)[0]
+        least = float(bounds.least(tilt, self._weight, self._mean, self._low, self._high)) + self._constant
         return self.value(state.x), least
 
 

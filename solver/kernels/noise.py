@@ -6,7 +6,7 @@ from numba import njit
 
 @njit(cache=True)
 def thinned(values, others, most):  # type: ignore[no-untyped-def]
-    """Of the values (N, H, W) that are finite beside another finite one, every so-manieth: `most` or up to twice."""
+    """The finite values (N, H, W) beside another finite one, evenly thinned to `most` up to twice as many."""
     frames, rows, columns = values.shape
     count = 0
     for k in range(frames):
@@ -65,8 +65,10 @@ def mixed_differences(distance, inverse, span):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def standing(distance, sigma, picked, most):  # type: ignore[no-untyped-def]
-    """The mean step down and the mean step across of the picked frames of (N, H, W), where both samples are
-    known; a step of no more than `most` deviations of itself counts as none."""
+    """(2,): the mean step down and the mean step across of the picked frames of (N, H, W).
+
+    Steps between two known samples count, those of at most `most` deviations of themselves as none.
+    """
     rows, columns = distance.shape[1:]
     sums, counts = np.zeros(2), np.zeros(2)
     for k in picked:
@@ -133,8 +135,10 @@ def _bin(table, rank):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def light(distance, amplitude, noise, threshold, sigma, lit):  # type: ignore[no-untyped-def]
-    """sigma ← noise / amplitude, infinite where it is dark; lit ← distance, NaN where the amplitude is under
-    the threshold or NaN; all (n,). Returns the number of samples left."""
+    """sigma ← noise / amplitude, lit ← distance where the amplitude reaches the threshold; all (n,).
+
+    sigma is infinite where it is dark, lit is NaN elsewhere. Returns the number of samples left.
+    """
     count = 0
     for n in range(distance.size):
         a, d = amplitude[n], distance[n]

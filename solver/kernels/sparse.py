@@ -1,4 +1,4 @@
-"""The sparse data term: scattering samples, its value, and its half of the dual bound."""
+"""The sparse data term: scattering samples, and its value."""
 
 import numpy as np
 from numba import njit, prange
@@ -8,8 +8,8 @@ from numba import njit, prange
 def scatter(values, weights, positions, scale, weight, total):  # type: ignore[no-untyped-def]
     """Add every sample (N, H, W) to the fused pixel floor((position + ½) · scale) under its centre.
 
-    Samples of weight 0 are not used. Adds Σ w to weight and Σ w d to total; returns Σ w d² in float64. It runs
-    on one thread: a second one would need sums of its own, and fresh memory costs more than it saves.
+    Samples of weight 0 are not used. Adds Σ w to weight and Σ w d to total; returns Σ w d² in float64. One
+    thread does it: a second one would need sums of its own, and fresh memory costs more than it saves.
     """
     frames, rows, columns = values.shape
     fine_rows, fine_columns = weight.shape
@@ -50,7 +50,7 @@ def scatter_precision(distance, sigma, positions, scale, usual, least, precision
 
 @njit(cache=True, error_model="numpy", fastmath=True)
 def average(weight, total):  # type: ignore[no-untyped-def]
-    """total ← total / weight, 0 where that is 0; returns Σ w m² in float64, the least and the largest mean."""
+    """total ← total / weight = m, 0 where w = 0; returns Σ w m² in float64, the least and the largest m."""
     rows, columns = weight.shape
     square, low, high = 0.0, np.float32(np.finfo(np.float32).max), np.float32(np.finfo(np.float32).min)
     for i in range(rows):
@@ -76,24 +76,6 @@ def misfit(x, weight, mean):  # type: ignore[no-untyped-def]
         for j in range(n):
             value += w[j] * (a[j] - m[j]) * (a[j] - m[j])
         sums[row] = value
-    return sums.sum()
-
-
-@njit(parallel=True, cache=True)
-def least(slope, weight, mean, low, high):  # type: ignore[no-untyped-def]
-    """Σ over pixels of the least w (x − m)² + slope · x over x in [low, high], in float64.
-
-    The bounds are those of the data: clipping a map to them lowers every term of the objective, so they
-    change no minimum, and they keep the sum finite where no sample falls (w = 0).
-    """
-    rows, columns = weight.shape
-    sums = np.zeros(rows)
-    for i in prange(rows):
-        for j in range(columns):
-            w, m, z = float(weight[i, j]), float(mean[i, j]), float(slope[i, j])
-            free = m - z / (2 * w) if w > 0 else (low if z > 0 else high)
-            best = min(max(free, low), high)
-            sums[i] += w * (best - m) ** 2 + z * best
     return sums.sum()
 
 
