@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from solver.certificate import shrinkage, slope
 from solver.errors import FusionInputError
-from solver.fill import nearest
+from solver.fill import ratio
 from solver.kernels import footprint as kernels
 from solver.kernels.prior import PAD
 from solver.memory_gradient import State
@@ -106,15 +106,11 @@ class AreaTerm:
 
     def mean(self) -> NDArray[np.floating]:
         """(C, rows, columns): the mean of the samples that see each pixel; beyond them, the nearest's."""
-        pull, inner = (
-            np.zeros((len(self._side), *self.curvature.shape), self.curvature.dtype),
-            slice(PAD, -PAD),
-        )
+        pull = np.zeros((len(self._side), *self.curvature.shape), self.curvature.dtype)
         self.gradient(np.zeros_like(pull), pull)
+        inner = slice(PAD, -PAD)
         weight = 2 * self.curvature[inner, inner]
-        known = weight > 1e-3 * weight.max()
-        safe = np.where(known, weight, 1)
-        return np.stack([nearest(-channel[inner, inner] / safe, known) for channel in pull])
+        return ratio(np.negative(pull[:, inner, inner]), weight, 1e-3 * float(weight.max()))
 
     def value(self, x: NDArray[np.floating]) -> float:
         return float(self._sums(x)[:, 3].sum())

@@ -43,21 +43,15 @@ def prepare(
 
 def complete(problem: Problem, solution: Solution) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """(distance, deviation), filled up to `fill` low-resolution pixels from the nearest used sample."""
-    factor = problem.options.upsampling
     precision = sample_precision(problem)
-    away = reach(precision > 0) / np.float32(factor)
+    away = reach(precision > 0)
     known = np.isfinite(solution.distance)
     if known.all():
-        distance = solution.distance
+        distance = solution.distance.copy()
     else:
         distance = smooth(solution.distance, known)
-        away = np.maximum(away, reach(known) / np.float32(factor))
-    beyond = away > problem.options.fill
-    spread = deviation(
-        problem, solution, precision, distance, np.minimum(away, np.float32(problem.options.fill))
-    )
-    blank = np.float32(np.nan)
-    return np.where(beyond, blank, distance), np.where(beyond, blank, spread)
+        np.maximum(away, reach(known), out=away)
+    return distance, deviation(problem, solution, precision, away, distance)
 
 
 def _lit(
