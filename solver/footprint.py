@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from solver.certificate import shrinkage, slope
 from solver.errors import FusionInputError
 from solver.fill import ratio
+from solver.kernels import dual as duals
 from solver.kernels import footprint as kernels
 from solver.kernels.prior import PAD
 from solver.memory_gradient import State
@@ -121,9 +122,10 @@ class AreaTerm:
         self.gradient(state.x, pull)
         # Moving the map by a constant makes the residuals' sum 0, as it is at the optimum.
         offset = (data - fit) / total
-        excess = slope(dual, prior.weights) + pull[:, PAD:-PAD, PAD:-PAD]
-        excess += (2 * offset[:, None, None] * self.curvature[PAD:-PAD, PAD:-PAD]).astype(excess.dtype)
-        excess -= excess.mean(axis=(1, 2), keepdims=True)
+        excess = slope(dual, prior.weights)
+        for channel, own, move in zip(excess, pull, offset, strict=True):
+            total_excess = duals.add_scaled(channel, own, self.curvature, channel.dtype.type(2 * move))
+            channel -= channel.dtype.type(total_excess / channel.size)
         most, lift = shrinkage(dual, state.radius, prior.weights, excess, state.slope)
         # r = 2 Ω (y − A X) has Σ r y = Σ Ω (y − A X)² + Σ Ω (y² − (A X)²), Σ r² / (4 Ω) = Σ Ω (y − A X)².
         moved = float((square - offset**2 * total).sum())
