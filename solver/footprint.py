@@ -73,23 +73,22 @@ class AreaTerm:
         self.shape = (len(values), rows, columns)
         nodes = (rows - self._size + 3, columns - self._size + 3)
         self._scale, self._offset = float(factor), self.margin - self._size / 2
-        groups = 2
-        stencil = np.zeros((groups, 5, *nodes), kind)
-        side = np.zeros((groups, len(values), *nodes), kind)
-        count = np.zeros(groups, np.int64)
-        kernels.accumulate(values, weights, positions, self._scale, self._offset, stencil, side, count)
-        if not count.any():
+        self._stencil, self._side = np.zeros((5, *nodes), kind), np.zeros((len(values), *nodes), kind)
+        if not kernels.accumulate(
+            values, weights, positions, self._scale, self._offset, self._stencil, self._side
+        ):
             raise FusionInputError(
                 "no valid pixel falls on the grid of frame 0; expected shifts smaller than the image"
             )
-        self._stencil, self._side = stencil[0] + stencil[1], side[0] + side[1]
         self._blurred = np.zeros(nodes, kind)
         self._none = np.zeros(nodes, kind)
         # A footprint's row sum bounds its curvature; half of it was measured to need the fewest iterations.
-        inside = np.pad(np.ones((1, rows, columns), kind), [(0, 0), (PAD,) * 2, (PAD,) * 2])
+        inside = np.zeros((1, rows + 2 * PAD, columns + 2 * PAD), kind)
+        inside[:, PAD:-PAD, PAD:-PAD] = 1
         sums = np.zeros_like(inside)
         self.multiply(inside, sums)
-        self.curvature: NDArray[np.floating] = sums[0] / 2
+        self.curvature: NDArray[np.floating] = sums[0]
+        self.curvature *= 0.5
 
     def gradient(self, x: NDArray[np.floating], out: NDArray[np.floating]) -> None:
         for channel, side, target in zip(x, self._side, out, strict=True):

@@ -80,17 +80,20 @@ def misfit(x, weight, mean):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def extremes(distance, kept, positions, low, high):  # type: ignore[no-untyped-def]
-    """Least and largest kept sample (N, H, W) over each low-resolution pixel, into low and high (H, W)."""
+def extremes(distance, sigma, most, positions, low, high):  # type: ignore[no-untyped-def]
+    """Least and largest sample (N, H, W) over each low-resolution pixel, into low and high (H, W).
+
+    Samples that are NaN or deviate by more than `most` are left out.
+    """
     frames, rows, columns = distance.shape
     for k in range(frames):
         for i in range(rows):
             for j in range(columns):
-                if not kept[k, i, j]:
+                value = distance[k, i, j]
+                if np.isnan(value) or not sigma[k, i, j] <= most:
                     continue
-                u = np.floor(float(positions[k, i, j, 0]) + 0.5)
-                v = np.floor(float(positions[k, i, j, 1]) + 0.5)
+                u = float(positions[k, i, j, 0]) + 0.5
+                v = float(positions[k, i, j, 1]) + 0.5
                 if 0 <= u < rows and 0 <= v < columns:
-                    value = distance[k, i, j]
                     low[int(u), int(v)] = min(low[int(u), int(v)], value)
                     high[int(u), int(v)] = max(high[int(u), int(v)], value)
