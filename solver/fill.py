@@ -24,9 +24,11 @@ def smoothed(values: NDArray[np.float32], weight: NDArray[np.float32], factor: i
             between the samples of a burst.
     """
     spread = 0.4 * factor
-    total = cv2.GaussianBlur(values * weight, (0, 0), spread, borderType=cv2.BORDER_CONSTANT)
-    share = cv2.GaussianBlur(weight, (0, 0), spread, borderType=cv2.BORDER_CONSTANT)
-    return ratio(total[None], share, 1e-3 * float(weight.max()))[0]
+    total, share = (
+        np.asarray(cv2.GaussianBlur(image, (0, 0), spread, borderType=cv2.BORDER_CONSTANT), np.float32)
+        for image in (values * weight, weight)
+    )
+    return np.asarray(ratio(total[None], share, 1e-3 * float(weight.max()))[0], np.float32)
 
 
 def ratio(totals: NDArray[np.floating], share: NDArray[np.floating], least: float) -> NDArray[np.floating]:

@@ -140,7 +140,7 @@ def _corner(position, scale, offset, nodes):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _ranges(weights, positions, scale, offset, nodes, across):  # type: ignore[no-untyped-def]
-    """(N, H, 2): the least and the largest first node row that each frame row's samples use; nodes, −1: none."""
+    """(N, H, 2): the least and the largest first node row of each frame row's samples; (nodes, −1): none."""
     frames, rows, columns = weights.shape
     out = np.empty((frames, rows, 2), np.int64)
     for k in range(frames):

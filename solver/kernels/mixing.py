@@ -40,7 +40,7 @@ def _pad(line, width, n):  # type: ignore[no-untyped-def]
 
 @njit(fastmath=True)
 def _add_tensor(image, i, tensor, lines):  # type: ignore[no-untyped-def]
-    """Add row i of one channel's structure tensor, of eight times its gradient (Sobel), to tensor (3, columns)."""
+    """Add one channel's structure tensor at row i, of eight times its gradient (Sobel), to tensor (3, n)."""
     rows, n = image.shape
     above, here, below = image[_mirrored(i - 1, rows)], image[i], image[_mirrored(i + 1, rows)]
     change, total = lines[0, : n + 2], lines[1, : n + 2]
