@@ -92,7 +92,7 @@ def extent(dual, radius, weights, tilt):  # type: ignore[no-untyped-def]
 
 @njit(parallel=True, fastmath=True, cache=True)
 def add_scaled(out, pull, curvature, factor):  # type: ignore[no-untyped-def]
-    """out (rows, columns) += pull + factor · curvature, both padded by 2; returns the sum of out in float64."""
+    """out (rows, columns) += pull + factor · curvature, both padded by 2; returns its sum in float64."""
     rows, n = out.shape
     sums = np.zeros(rows)
     for row in prange(rows):
