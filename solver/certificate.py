@@ -6,16 +6,19 @@ For E(X) = Σ Ω (y − A X)² + Σ ‖∇X‖₂ (λ = 1), any residual variabl
 
 (Fenchel duality; Boyd, Vandenberghe, "Convex Optimization", section 5). An iteration's r = 2 Ω (y − A X) and
 p meet the equation only in the limit. Here p is corrected by the least change of its unit differences that
-meets it, a Poisson equation, and both are then shrunk until every group is in its ball. Sparse samples take
-any ∇ᵀp where they fall, so only what is left at unseen pixels is corrected, against the seen ones around.
+meets it, a Poisson equation, and both are then shrunk until every group is in its ball. Sparse samples need
+neither: they take any ∇ᵀp where they fall, and bounds of the map pay for what is left elsewhere (see
+`kernels.bound`), so each group is brought into its ball alone.
 """
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import dctn, idctn
 
 from solver.kernels import dual as duals
-from solver.options import NEIGHBOURHOOD
+
+_SMALL = 100_000
+"""Pixels up to which one thread transforms faster than two."""
 
 
 def slope(dual: NDArray[np.floating], weights: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -38,65 +41,25 @@ def shrinkage(
     Also ⟨duals, −slope⟩ before that factor: what a prior of ‖∇X − slope‖ adds to the bound.
 
     Args:
-        dual: (C, 6, rows + 4, columns + 4), every group in its ball.
+        dual: (C, 6, rows + 4, columns + 4), every group in its ball; its unit differences are changed.
         radius: (rows + 4, columns + 4), of the balls.
         weights: (6,), the first two (the unit differences) not 0.
-        excess: (C, rows, columns), of sum 0 in each channel.
+        excess: (C, rows, columns), of sum 0 in each channel; overwritten.
         tilt: (C, 2, rows + 4, columns + 4), the slope, or (C, 2, 0, 0).
     """
-    square, lift = np.zeros(excess.shape[1:], excess.dtype), 0.0
-    for channel, padded in enumerate(dual):
-        variables = padded[:, 2:-2, 2:-2]
-        potential = _poisson(excess[channel], float(weights[1]) ** 2, float(weights[0]) ** 2)
-        across, along = variables[0].copy(), variables[1].copy()
-        across[:, :-1] -= weights[0] * (potential[:, :-1] - potential[:, 1:])
-        along[:-1] -= weights[1] * (potential[:-1] - potential[1:])
-        square += across * across
-        square += along * along
-        square += np.einsum("kij,kij->ij", variables[2:], variables[2:])
-        if tilt.size:
-            fall, run = tilt[channel]
-            lift += _product(across, run[2:-2, 2:-2], weights[0])
-            lift += _product(along, fall[2:-2, 2:-2], weights[1])
-            for k, (down, right) in list(enumerate(NEIGHBOURHOOD))[2:]:
-                lift += down * _product(padded[k], fall, weights[k])
-                lift += right * _product(padded[k], run, weights[k])
-    square /= radius[2:-2, 2:-2] ** 2
-    return float(1 / np.sqrt(max(1.0, float(square.max())))), lift
-
-
-def transferred(excess: NDArray[np.floating], seen: NDArray[np.bool_], reach: float) -> NDArray[np.floating]:
-    """The excess of unseen pixels, less the same amount on the seen pixels around: its sum is 0 wherever.
-
-    Args:
-        excess, seen: (rows, columns); reach: deviation of the Gaussian that moves it, pixels.
-    """
-    mask = seen.astype(excess.dtype)
-
-    def spread(image: NDArray[np.floating]) -> NDArray[np.floating]:
-        return np.asarray(cv2.GaussianBlur(image, (0, 0), reach, borderType=cv2.BORDER_CONSTANT))
-
-    density = spread(mask)
-    near = ~seen & (density > 1e-3)
-    loose = np.where(near, excess, 0)
-    back = spread(np.divide(loose, density, out=np.zeros_like(loose), where=near))
-    return np.asarray(loose - mask * back)
-
-
-def _product(dual: NDArray[np.floating], tilt: NDArray[np.floating], weight: np.floating) -> float:
-    """weight · Σ dual · tilt."""
-    return float(weight) * float(np.einsum("ij,ij->", dual, tilt))
+    for channel, padded in zip(excess, dual, strict=True):
+        potential = _poisson(channel, float(weights[1]) ** 2, float(weights[0]) ** 2)
+        duals.carry(padded, potential, weights.astype(dual.dtype))
+    most, lift = duals.extent(dual, radius, weights.astype(dual.dtype), tilt)
+    return float(1 / np.sqrt(max(1.0, most))), float(lift)
 
 
 def _poisson(source: NDArray[np.floating], down: float, right: float) -> NDArray[np.floating]:
     """φ of (down · L_rows + right · L_columns) φ = source, L the second difference with free ends."""
-    from scipy.fft import dctn, idctn
-
     rows, columns = source.shape
     row = down * (2 - 2 * np.cos(np.pi * np.arange(rows) / rows))
     column = right * (2 - 2 * np.cos(np.pi * np.arange(columns) / columns))
-    eigenvalues = row.astype(source.dtype)[:, None] + column.astype(source.dtype)
-    eigenvalues[0, 0] = np.inf
-    spectrum = dctn(source, norm="ortho", workers=2)
-    spectrum /= eigenvalues
-    return np.asarray(idctn(spectrum, norm="ortho", workers=2, overwrite_x=True))
+    workers = 2 if source.size > _SMALL else 1
+    spectrum = dctn(source, norm="ortho", workers=workers, overwrite_x=True)
+    duals.divide(spectrum, row.astype(source.dtype), column.astype(source.dtype))
+    return np.asarray(idctn(spectrum, norm="ortho", workers=workers, overwrite_x=True))

@@ -12,7 +12,7 @@ _SWEEPS, _OVER = 60, 1.85
 
 def reach(seen: NDArray[np.bool_]) -> NDArray[np.float32]:
     """(rows, columns): distance in pixels to the nearest pixel that is seen (at least one is)."""
-    return np.asarray(cv2.distanceTransform((~seen).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5))
+    return np.asarray(cv2.distanceTransform(_unseen(seen), cv2.DIST_L2, cv2.DIST_MASK_5))
 
 
 def smoothed(values: NDArray[np.float32], weight: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
@@ -24,10 +24,23 @@ def smoothed(values: NDArray[np.float32], weight: NDArray[np.float32], factor: i
             between the samples of a burst.
     """
     spread = 0.4 * factor
-    total = cv2.GaussianBlur(values * weight, (0, 0), spread, borderType=cv2.BORDER_CONSTANT)
-    share = cv2.GaussianBlur(weight, (0, 0), spread, borderType=cv2.BORDER_CONSTANT)
-    known = share > 1e-3 * float(weight.max())
-    return nearest(np.divide(total, share, out=np.zeros_like(total), where=known), known)
+    total, share = (
+        np.asarray(cv2.GaussianBlur(image, (0, 0), spread, borderType=cv2.BORDER_CONSTANT), np.float32)
+        for image in (values * weight, weight)
+    )
+    return np.asarray(ratio(total[None], share, 1e-3 * float(weight.max()))[0], np.float32)
+
+
+def ratio(totals: NDArray[np.floating], share: NDArray[np.floating], least: float) -> NDArray[np.floating]:
+    """totals (C, rows, columns) / share, in place; where that is not over `least`, the nearest quotient."""
+    known = np.empty(share.shape, np.bool_)
+    for total in totals:
+        kernels.divide(total, share, share.dtype.type(least), known)
+    if not known.all():
+        labels = _labels(known)
+        for total in totals:
+            kernels.take(labels, known, total)
+    return totals
 
 
 def smooth(values: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
@@ -40,11 +53,19 @@ def smooth(values: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.
 
 def nearest(values: NDArray[np.float32], seen: NDArray[np.bool_]) -> NDArray[np.float32]:
     """The values with each unseen pixel taking that of the nearest seen one (at least one is seen)."""
-    if seen.all():
-        return values.copy()
+    filled = values.copy()
+    if not seen.all():
+        kernels.take(_labels(seen), seen, filled)
+    return filled
+
+
+def _labels(seen: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """(rows, columns): a number for each seen pixel, and at unseen ones that of the nearest."""
     _, labels = cv2.distanceTransformWithLabels(
-        (~seen).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+        _unseen(seen), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
     )
-    by_label = np.zeros(int(labels.max()) + 1, values.dtype)
-    by_label[labels[seen]] = values[seen]
-    return np.asarray(by_label[labels])
+    return np.asarray(labels)
+
+
+def _unseen(seen: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    return (~seen).view(np.uint8)

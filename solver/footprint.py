@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from solver.certificate import shrinkage, slope
 from solver.errors import FusionInputError
-from solver.fill import nearest
+from solver.fill import ratio
 from solver.kernels import blur, team
+from solver.kernels import dual as duals
 from solver.kernels import footprint as kernels
 from solver.kernels.prior import PAD
 from solver.memory_gradient import Operator, State
@@ -73,22 +74,21 @@ class AreaTerm:
         self.shape = (len(values), rows, columns)
         nodes = (rows - self._size + 3, columns - self._size + 3)
         self._scale, self._offset = float(factor), self.margin - self._size / 2
-        groups = 2
-        stencil = np.zeros((groups, 5, *nodes), kind)
-        side = np.zeros((groups, len(values), *nodes), kind)
-        count = np.zeros(groups, np.int64)
-        kernels.accumulate(values, weights, positions, self._scale, self._offset, stencil, side, count)
-        if not count.any():
+        self._stencil, self._side = np.zeros((5, *nodes), kind), np.zeros((len(values), *nodes), kind)
+        if not kernels.accumulate(
+            values, weights, positions, self._scale, self._offset, self._stencil, self._side
+        ):
             raise FusionInputError(
                 "no valid pixel falls on the grid of frame 0; expected shifts smaller than the image"
             )
-        self._stencil, self._side = stencil[0] + stencil[1], side[0] + side[1]
         self._blurred = np.zeros(nodes, kind)
         # A footprint's row sum bounds its curvature; half of it was measured to need the fewest iterations.
-        inside = np.pad(np.ones((1, rows, columns), kind), [(0, 0), (PAD,) * 2, (PAD,) * 2])
+        inside = np.zeros((1, rows + 2 * PAD, columns + 2 * PAD), kind)
+        inside[:, PAD:-PAD, PAD:-PAD] = 1
         sums = np.zeros_like(inside)
         self._transform(inside, np.zeros((1, 0, 0), kind), sums)
-        self.curvature: NDArray[np.floating] = sums[0] / 2
+        self.curvature: NDArray[np.floating] = sums[0]
+        self.curvature *= 0.5
 
     def operator(self) -> Operator:
         return Operator((self._stencil, self._side, self._taps, self._size), None)
@@ -104,15 +104,11 @@ class AreaTerm:
 
     def mean(self) -> NDArray[np.floating]:
         """(C, rows, columns): the mean of the samples that see each pixel; beyond them, the nearest's."""
-        pull, inner = (
-            np.zeros((len(self._side), *self.curvature.shape), self.curvature.dtype),
-            slice(PAD, -PAD),
-        )
+        pull = np.zeros((len(self._side), *self.curvature.shape), self.curvature.dtype)
         self.gradient(np.zeros_like(pull), pull)
+        inner = slice(PAD, -PAD)
         weight = 2 * self.curvature[inner, inner]
-        known = weight > 1e-3 * weight.max()
-        safe = np.where(known, weight, 1)
-        return np.stack([nearest(-channel[inner, inner] / safe, known) for channel in pull])
+        return ratio(np.negative(pull[:, inner, inner]), weight, 1e-3 * float(weight.max()))
 
     def value(self, x: NDArray[np.floating]) -> float:
         return float(self._sums(x)[:, 3].sum())
@@ -123,9 +119,10 @@ class AreaTerm:
         self.gradient(state.x, pull)
         # Moving the map by a constant makes the residuals' sum 0, as it is at the optimum.
         offset = (data - fit) / total
-        excess = slope(dual, prior.weights) + pull[:, PAD:-PAD, PAD:-PAD]
-        excess += (2 * offset[:, None, None] * self.curvature[PAD:-PAD, PAD:-PAD]).astype(excess.dtype)
-        excess -= excess.mean(axis=(1, 2), keepdims=True)
+        excess = slope(dual, prior.weights)
+        for channel, own, move in zip(excess, pull, offset, strict=True):
+            total_excess = duals.add_scaled(channel, own, self.curvature, channel.dtype.type(2 * move))
+            channel -= channel.dtype.type(total_excess / channel.size)
         most, lift = shrinkage(dual, state.radius, prior.weights, excess, state.slope)
         # r = 2 Ω (y − A X) has Σ r y = Σ Ω (y − A X)² + Σ Ω (y² − (A X)²), Σ r² / (4 Ω) = Σ Ω (y − A X)².
         moved = float((square - offset**2 * total).sum())

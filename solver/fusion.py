@@ -15,6 +15,7 @@ from solver.positions import sample_positions
 from solver.preparation import complete, prepare
 from solver.problem import Solution
 from solver.result import Fused, Progress, Report, Seconds
+from solver.threads import enough_threads
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,22 +84,23 @@ def fuse(
     registered = time.perf_counter()
 
     shape = (len(used), *frames.shape[1:])
-    if poses.rotations is None:
-        positions = sample_positions(shape, shifts=poses.shifts[used])
-    else:
-        turns = poses.rotations[used]
-        positions = sample_positions(shape, rotations=turns, intrinsics=matrix, distortion=lens)
-    problem = prepare(
-        frames[used],
-        None if light is None else light[used],
-        positions,
-        options=options,
-        ambiguity_range=span,
-        noise=given,
-        guide=image,
-    )
-    solution = load(options.method)(problem, progress=progress)
-    fused, spread = complete(problem, solution)
+    with enough_threads(frames[0].size * factor**2):
+        if poses.rotations is None:
+            positions = sample_positions(shape, shifts=poses.shifts[used])
+        else:
+            turns = poses.rotations[used]
+            positions = sample_positions(shape, rotations=turns, intrinsics=matrix, distortion=lens)
+        problem = prepare(
+            frames[used],
+            None if light is None else light[used],
+            positions,
+            options=options,
+            ambiguity_range=span,
+            noise=given,
+            guide=image,
+        )
+        solution = load(options.method)(problem, progress=progress)
+        fused, spread = complete(problem, solution)
     seconds = Seconds(registered - begin, time.perf_counter() - registered)
     if not solution.converged:
         warn_unconverged(options, solution, stacklevel=3)

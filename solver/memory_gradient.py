@@ -41,9 +41,6 @@ _ROUNDING = 0.125
 _BOUT = 10
 """Iterations between two reports of progress; between them nothing is heard, an interrupt neither."""
 
-_SMALL = 20_000
-"""Fused pixels, times channels, under which a second thread gains nothing."""
-
 _REFRESH = 20
 """Iterations after which the data term's gradient, till then updated, is computed anew against rounding."""
 
@@ -190,7 +187,4 @@ class _Descent:
     ) -> None:
         """Fill `history`, or stop where the objective has settled; see `solver.kernels.iteration`."""
         arrays = (self._footprint, self._data, self._step, self._work, self._sums)
-        alone = self._step.size < _SMALL
-        team.run(
-            loop.iterate, *self._map, *self._weights, *arrays, rule, numbers, history, alone=alone
-        )
+        team.run(loop.iterate, *self._map, *self._weights, *arrays, rule, numbers, history)

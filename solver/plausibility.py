@@ -19,21 +19,18 @@ _MARGIN = 3.0
 """Deviations of the usual sample by which a distance may leave the range of those around it."""
 
 
-def plausible(
-    problem: Problem, distance: NDArray[np.float32], usual: float, ambiguity_range: float
-) -> NDArray[np.bool_]:
-    """(βH, βW): whether each distance lies within those of the lit samples one and a half pixels around.
+def around(
+    problem: Problem, usual: float, ambiguity_range: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """(H, W) twice: the least and the largest distance to believe within each low-resolution pixel.
 
-    `usual` is the deviation of the usual sample, in the unit of distance.
+    They are those of the lit samples one and a half pixels around, less and plus a margin; `usual` is the
+    deviation of the usual sample, in the unit of distance.
     """
-    lit = np.isfinite(problem.distance) & (problem.sigma <= ambiguity_range / _LEAST_LIGHT)
     low = np.full(problem.distance.shape[1:], np.inf, np.float32)
     high = np.full_like(low, -np.inf)
-    kernels.extremes(problem.distance, lit, problem.positions, low, high)
-    around = np.ones((3, 3), np.uint8)
-    least, most = cv2.erode(low, around), cv2.dilate(high, around)
-    shape = problem.fused_shape[::-1]
-    least = cv2.resize(least, shape, interpolation=cv2.INTER_NEAREST)
-    most = cv2.resize(most, shape, interpolation=cv2.INTER_NEAREST)
+    most = np.float32(ambiguity_range / _LEAST_LIGHT)
+    kernels.extremes(problem.distance, problem.sigma, most, problem.positions, low, high)
+    window = np.ones((3, 3), np.uint8)
     margin = np.float32(_MARGIN * usual)
-    return np.asarray((distance >= least - margin) & (distance <= most + margin))
+    return np.asarray(cv2.erode(low, window)) - margin, np.asarray(cv2.dilate(high, window)) + margin

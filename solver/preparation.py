@@ -7,6 +7,7 @@ from solver import noise as noise_law
 from solver.deviation import deviation, sample_precision
 from solver.errors import FusionInputError
 from solver.fill import reach, smooth
+from solver.kernels import noise as kernels
 from solver.options import FusionOptions
 from solver.problem import Problem, Solution
 
@@ -33,29 +34,24 @@ def prepare(
         distance = np.where(lost, np.float32(np.nan), distance)
     if noise is None:
         noise = noise_law.estimate(distance, amplitude, ambiguity_range)
-    sigma = noise_law.deviations(distance, amplitude, noise)
-    if amplitude is not None:
-        distance = _lit(distance, amplitude, noise, ambiguity_range, options)
+    if amplitude is None:
+        sigma = np.full(distance.shape, noise, np.float32)
+    else:
+        distance, sigma = _lit(distance, amplitude, noise, ambiguity_range, options)
     return Problem(distance, amplitude, positions, sigma, noise, ambiguity_range, guide, options)
 
 
 def complete(problem: Problem, solution: Solution) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """(distance, deviation), filled up to `fill` low-resolution pixels from the nearest used sample."""
-    factor = problem.options.upsampling
     precision = sample_precision(problem)
-    away = reach(precision > 0) / np.float32(factor)
+    away = reach(precision > 0)
     known = np.isfinite(solution.distance)
     if known.all():
-        distance = solution.distance
+        distance = solution.distance.copy()
     else:
         distance = smooth(solution.distance, known)
-        away = np.maximum(away, reach(known) / np.float32(factor))
-    beyond = away > problem.options.fill
-    spread = deviation(
-        problem, solution, precision, distance, np.minimum(away, np.float32(problem.options.fill))
-    )
-    blank = np.float32(np.nan)
-    return np.where(beyond, blank, distance), np.where(beyond, blank, spread)
+        np.maximum(away, reach(known), out=away)
+    return distance, deviation(problem, solution, precision, away, distance)
 
 
 def _lit(
@@ -64,18 +60,22 @@ def _lit(
     noise: float,
     ambiguity_range: float | None,
     options: FusionOptions,
-) -> NDArray[np.float32]:
-    """T_k of the paper: NaN where the amplitude is under the threshold. `phasor` weighs samples by itself."""
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """T_k of the paper: NaN where the amplitude is under the threshold. `phasor` weighs samples by itself.
+
+    Also one standard deviation of each sample, infinite at amplitude 0.
+    """
     threshold = options.amplitude_threshold
     if threshold == "auto":
         if options.method in ("phasor", "area"):
             threshold = 0.0
         else:
             threshold = noise_law.amplitude_threshold(amplitude, noise, ambiguity_range)
-    kept = np.where(amplitude >= threshold, distance, np.float32(np.nan))
-    if np.isnan(kept).all():
+    kept, sigma = np.empty_like(distance), np.empty_like(distance)
+    flat = distance.ravel(), amplitude.ravel()
+    if not kernels.light(*flat, np.float32(noise), np.float32(threshold), sigma.ravel(), kept.ravel()):
         raise FusionInputError(
             f"every pixel's amplitude is under amplitude_threshold {threshold:g} (highest "
             f"{np.nanmax(amplitude):g}); lower the threshold or expose longer"
         )
-    return kept
+    return kept, sigma

@@ -1,16 +1,18 @@
 """What every method is given, and what it gives back: the border between `fuse` and the methods."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from solver import noise as noise_law
 from solver.options import FusionOptions
 from solver.result import Progress
 from solver.reweighting import Trail
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Problem:
     """Registered frames, ready to be fused.
 
@@ -40,6 +42,16 @@ class Problem:
         """(βH, βW)."""
         height, width = self.distance.shape[1:]
         return height * self.options.upsampling, width * self.options.upsampling
+
+    @cached_property
+    def usual_deviation(self) -> float:
+        """The median of sigma over the used samples, never 0."""
+        return noise_law.usual_deviation(self.distance, self.sigma)
+
+    @cached_property
+    def spread(self) -> float:
+        """The scene's range of distances, see `solver.noise`."""
+        return noise_law.spread(self.distance)
 
 
 @dataclass(frozen=True, slots=True)

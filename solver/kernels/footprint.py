@@ -8,6 +8,10 @@ five coefficient images: the node itself, its neighbours to the right, below, be
 import numpy as np
 from numba import njit, prange
 
+_BAND_ROWS = 32
+"""Of M and b: few enough to stay in cache, many enough that few samples fall between two bands."""
+
+
 @njit(cache=True, inline="always")
 def _corner(position, scale, offset, nodes):  # type: ignore[no-untyped-def]
     """(first node, fraction) under a sample; −1 where its footprint leaves the map."""
@@ -18,53 +22,80 @@ def _corner(position, scale, offset, nodes):  # type: ignore[no-untyped-def]
     return node, at - node
 
 
+@njit(cache=True)
+def _ranges(weights, positions, scale, offset, nodes, across):  # type: ignore[no-untyped-def]
+    """(N, H, 2): the least and the largest first node row of each frame row's samples; (nodes, −1): none."""
+    frames, rows, columns = weights.shape
+    out = np.empty((frames, rows, 2), np.int64)
+    for k in range(frames):
+        for i in range(rows):
+            low, high = np.inf, -np.inf
+            for j in range(columns):
+                if weights[k, i, j] > 0:
+                    at = (float(positions[k, i, j, 0]) + 0.5) * scale + offset
+                    beside = (float(positions[k, i, j, 1]) + 0.5) * scale + offset
+                    if 0 <= at <= nodes - 1 and 0 <= beside <= across - 1:
+                        low, high = min(low, at), max(high, at)
+            out[k, i, 0] = min(int(low), nodes - 2) if low <= high else nodes
+            out[k, i, 1] = min(int(high), nodes - 2) if low <= high else -1
+    return out
+
+
 @njit(parallel=True, cache=True)
-def accumulate(  # type: ignore[no-untyped-def]
-    values, weights, positions, scale, offset, stencil, right_side, count
-):
-    """Add frames to M and b.
+def accumulate(values, weights, positions, scale, offset, stencil, right_side):  # type: ignore[no-untyped-def]
+    """Add frames to M and b; whether any sample was used.
+
+    Bands of node rows are filled one by one, which keeps them in cache and gives each band one writer.
 
     Args:
         values: (C, N, H, W); weights: (N, H, W), 0 = not used; positions: (N, H, W, 2).
         scale: β; offset: node of a footprint centred on coordinate 0 of the fused grid's edges.
-        stencil: (G, 5, …), right_side: (G, C, …), count: (G,): G partial sums, which the caller adds up.
+        stencil: (5, …), right_side: (C, …).
     """
-    groups = stencil.shape[0]
     channels, frames, rows, columns = values.shape
-    node_rows, node_columns = stencil.shape[2] - 2, stencil.shape[3] - 2
-    for g in prange(groups):
-        m = stencil[g]
-        for k in range(g * frames // groups, (g + 1) * frames // groups):
+    node_rows, node_columns = stencil.shape[1] - 2, stencil.shape[2] - 2
+    ranges = _ranges(weights, positions, scale, offset, node_rows, node_columns)
+    bands = max(1, node_rows // _BAND_ROWS)
+    for band in prange(bands):
+        top, end = band * node_rows // bands, (band + 1) * node_rows // bands
+        for k in range(frames):
             for i in range(rows):
+                if ranges[k, i, 1] + 1 < top or ranges[k, i, 0] >= end:
+                    continue
                 for j in range(columns):
                     weight = weights[k, i, j]
                     if weight <= 0:
                         continue
                     u, fu = _corner(positions[k, i, j, 0], scale, offset, node_rows)
+                    if u + 1 < top or u >= end:
+                        continue
                     v, fv = _corner(positions[k, i, j, 1], scale, offset, node_columns)
                     if u < 0 or v < 0:
                         continue
                     a, b = (1 - fu) * (1 - fv), (1 - fu) * fv
                     c, d = fu * (1 - fv), fu * fv
-                    u, v = u + 1, v + 1
-                    m[0, u, v] += weight * a * a
-                    m[0, u, v + 1] += weight * b * b
-                    m[0, u + 1, v] += weight * c * c
-                    m[0, u + 1, v + 1] += weight * d * d
-                    m[1, u, v] += weight * a * b
-                    m[1, u + 1, v] += weight * c * d
-                    m[2, u, v] += weight * a * c
-                    m[2, u, v + 1] += weight * b * d
-                    m[3, u, v] += weight * a * d
-                    m[4, u, v + 1] += weight * b * c
-                    count[g] += 1
-                    for channel in range(channels):
-                        value = weight * values[channel, k, i, j]
-                        side = right_side[g, channel]
-                        side[u, v] += a * value
-                        side[u, v + 1] += b * value
-                        side[u + 1, v] += c * value
-                        side[u + 1, v + 1] += d * value
+                    r, s = u + 1, v + 1
+                    if u >= top:
+                        stencil[0, r, s] += weight * a * a
+                        stencil[0, r, s + 1] += weight * b * b
+                        stencil[1, r, s] += weight * a * b
+                        stencil[2, r, s] += weight * a * c
+                        stencil[2, r, s + 1] += weight * b * d
+                        stencil[3, r, s] += weight * a * d
+                        stencil[4, r, s + 1] += weight * b * c
+                        for channel in range(channels):
+                            value = weight * values[channel, k, i, j]
+                            right_side[channel, r, s] += a * value
+                            right_side[channel, r, s + 1] += b * value
+                    if u + 1 < end:
+                        stencil[0, r + 1, s] += weight * c * c
+                        stencil[0, r + 1, s + 1] += weight * d * d
+                        stencil[1, r + 1, s] += weight * c * d
+                        for channel in range(channels):
+                            value = weight * values[channel, k, i, j]
+                            right_side[channel, r + 1, s] += c * value
+                            right_side[channel, r + 1, s + 1] += d * value
+    return ranges[..., 1].max() >= 0
 
 
 @njit(parallel=True, cache=True)

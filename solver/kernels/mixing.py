@@ -3,6 +3,9 @@
 import numpy as np
 from numba import njit, prange
 
+_TILE_ROWS = 32
+"""Rows walked together: what they need fits the second-level cache."""
+
 
 @njit(error_model="numpy")
 def _between(z, y, x):  # type: ignore[no-untyped-def]
@@ -18,31 +21,105 @@ def _between(z, y, x):  # type: ignore[no-untyped-def]
     return real, other
 
 
+@njit
+def _mirrored(i, n):  # type: ignore[no-untyped-def]
+    """The row that stands for row i beyond the border of n rows, which itself is not repeated."""
+    if n == 1:
+        return 0
+    i = abs(i) % (2 * n - 2)
+    return i if i < n else 2 * n - 2 - i
+
+
+@njit
+def _pad(line, width, n):  # type: ignore[no-untyped-def]
+    """Fill `width` entries on either side of the n in the middle with their mirror image."""
+    for k in range(1, width + 1):
+        line[width - k] = line[width + _mirrored(k, n)]
+        line[width + n - 1 + k] = line[width + _mirrored(n - 1 + k, n)]
+
+
+@njit(fastmath=True)
+def _add_tensor(image, i, tensor, lines):  # type: ignore[no-untyped-def]
+    """Add one channel's structure tensor at row i, of eight times its gradient (Sobel), to tensor (3, n)."""
+    rows, n = image.shape
+    above, here, below = image[_mirrored(i - 1, rows)], image[i], image[_mirrored(i + 1, rows)]
+    change, total = lines[0, : n + 2], lines[1, : n + 2]
+    for j in range(n):
+        change[j + 1] = below[j] - above[j]
+        total[j + 1] = above[j] + here[j] + here[j] + below[j]
+    _pad(change, 1, n)
+    _pad(total, 1, n)
+    down2, right2, both = tensor[0], tensor[1], tensor[2]
+    for j in range(n):
+        down, right = change[j] + change[j + 1] + change[j + 1] + change[j + 2], total[j + 2] - total[j]
+        down2[j] += down * down
+        right2[j] += right * right
+        both[j] += down * right
+
+
+@njit(fastmath=True)
+def _blur(tensors, first, taps, line, out):  # type: ignore[no-untyped-def]
+    """out (columns,) ← Σ_k taps[k] tensors[first + k], then the same along the row."""
+    n, reach = out.size, taps.size // 2
+    middle = line[reach : reach + n]
+    middle[:] = 0
+    for k in range(taps.size):
+        row, tap = tensors[first + k], taps[k]
+        for j in range(n):
+            middle[j] += tap * row[j]
+    _pad(line, reach, n)
+    out[:] = 0
+    for k in range(taps.size):
+        moved, tap = line[k : k + n], taps[k]
+        for j in range(n):
+            out[j] += tap * moved[j]
+
+
+@njit(error_model="numpy")
+def _settle(z, i, j, tensor, step, contrast, off_line, out):  # type: ignore[no-untyped-def]
+    """Give pixel (i, j) to one side if it is a mixture; tensor (3,): down², right², both."""
+    difference, double = float(tensor[1] - tensor[0]), 2 * float(tensor[2])
+    length = np.sqrt(difference * difference + double * double)
+    if length > 0:  # half the angle of (difference, double): the gradient's
+        down = step * np.sqrt(max(0.0, 0.5 - 0.5 * difference / length))
+        right = step * np.sqrt(max(0.0, 0.5 + 0.5 * difference / length))
+        down = -down if double < 0 else down
+    else:
+        down, right = 0.0, step
+    p0, p1 = _between(z, i + down, j + right)
+    m0, m1 = _between(z, i - down, j - right)
+    d0, d1, a0, a1 = p0 - m0, p1 - m1, z[0, i, j] - m0, z[1, i, j] - m1
+    square = d0 * d0 + d1 * d1
+    if not square > contrast * contrast:
+        return
+    share = (a0 * d0 + a1 * d1) / square
+    e0, e1 = a0 - share * d0, a1 - share * d1
+    if 0 < share < 1 and e0 * e0 + e1 * e1 < off_line * off_line * square:
+        out[0, i, j], out[1, i, j] = (p0, p1) if share > 0.5 else (m0, m1)
+
+
 @njit(parallel=True, cache=True, error_model="numpy")
-def assign(z, vertical, horizontal, both, least, step, contrast, off_line, out):  # type: ignore[no-untyped-def]
+def assign(z, taps, least, step, contrast, off_line, out):  # type: ignore[no-untyped-def]
     """out (2, rows, columns) ← z with mixtures replaced by the surface that has the larger share.
 
     Args:
-        vertical, horizontal, both: (rows, columns), the structure tensor; least: its trace on an edge.
+        taps: of the Gaussian that averages the structure tensor; least: the tensor's trace on an edge.
         step: pixels to either side at which one surface is seen alone; contrast: |P − M| of an edge.
         off_line: distance from the line between P and M, in lengths of it, from which z is no mixture.
     """
-    rows, columns = vertical.shape
-    for i in prange(rows):
-        for j in range(columns):
-            here, also = z[0, i, j], z[1, i, j]
-            out[0, i, j], out[1, i, j] = here, also
-            if not vertical[i, j] + horizontal[i, j] > least:
-                continue
-            angle = 0.5 * np.arctan2(2 * both[i, j], horizontal[i, j] - vertical[i, j])
-            down, right = step * np.sin(angle), step * np.cos(angle)
-            p0, p1 = _between(z, i + down, j + right)
-            m0, m1 = _between(z, i - down, j - right)
-            d0, d1, a0, a1 = p0 - m0, p1 - m1, here - m0, also - m1
-            square = d0 * d0 + d1 * d1
-            if not square > contrast * contrast:
-                continue
-            share = (a0 * d0 + a1 * d1) / square
-            e0, e1 = a0 - share * d0, a1 - share * d1
-            if 0 < share < 1 and e0 * e0 + e1 * e1 < off_line * off_line * square:
-                out[0, i, j], out[1, i, j] = (p0, p1) if share > 0.5 else (m0, m1)
+    rows, columns = z.shape[1:]
+    tiles, reach = max(1, rows // _TILE_ROWS), taps.size // 2
+    for tile in prange(tiles):
+        top, end = tile * rows // tiles, (tile + 1) * rows // tiles
+        tensors = np.zeros((3, end - top + 2 * reach, columns), z.dtype)
+        lines, smooth = np.zeros((2, columns + 2 * reach + 2), z.dtype), np.zeros((3, columns), z.dtype)
+        for r in range(end - top + 2 * reach):
+            for c in range(2):
+                _add_tensor(z[c], _mirrored(top - reach + r, rows), tensors[:, r], lines)
+        for i in range(top, end):
+            for k in range(3):
+                _blur(tensors[k], i - top, taps, lines[0], smooth[k])
+            out[:, i] = z[:, i]
+            for j in range(columns):
+                if smooth[0, j] + smooth[1, j] > least:
+                    _settle(z, i, j, smooth[:, j], step, contrast, off_line, out)

@@ -75,13 +75,13 @@ _one_team = threading.Lock()
 _pool: ThreadPoolExecutor | None = None
 
 
-def run(loop: Callable[..., None], *arguments: Any, alone: bool = False) -> None:
+def run(loop: Callable[..., None], *arguments: Any) -> None:
     """Call the compiled (`nogil`) loop(rank, size, barrier, *arguments) in `size` threads and wait for all.
 
-    There are as many threads as Numba may use, but one where `alone` says so, for small work, or while
-    another team is at work: loops must give the same bits for any size.
+    There are as many threads as Numba may use, but one while another team is at work: loops must give the
+    same bits for any size.
     """
-    size = 1 if alone else numba.get_num_threads()
+    size = numba.get_num_threads()
     barrier = np.zeros(_TURN + 8, np.int64)
     if size == 1 or not _one_team.acquire(blocking=False):
         loop(0, 1, barrier, *arguments)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.footprint import AreaTerm
-from solver.noise import relief, spread, usual_deviation
+from solver.noise import relief
 from solver.prior import Prior
 from solver.problem import Problem, Solution
 from solver.result import Progress
@@ -48,7 +48,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     values = np.where(used, (problem.distance - middle) / strength, 0).astype(np.float32)
     term = AreaTerm(values[None], weights, problem.positions, factor, problem.options.footprint)
     m = term.margin
-    extent = max(spread(problem.distance), strength)
+    extent = max(problem.spread, strength)
     outcome, trail = minimise_reweighted(
         term,
         Prior(problem.options.neighbourhood),
@@ -68,7 +68,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         outcome.objective * strength**2,
         outcome.gap,
         outcome.converged,
-        relative=strength / usual_deviation(problem),
+        relative=strength / problem.usual_deviation,
         trail=trail,
     )
 
@@ -76,16 +76,16 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
 def _strength(problem: Problem, used: NDArray[np.bool_]) -> float:
     if problem.options.regularization != "auto":
         return float(problem.options.regularization)
-    noise, extent = usual_deviation(problem), spread(problem.distance)
+    noise, extent = problem.usual_deviation, problem.spread
     scale = max(float(np.abs(problem.distance[used]).max()), float(np.finfo(np.float32).tiny))
     if extent <= 1e-6 * scale:
         return max(noise, 1e-6 * scale)
-    steps = max(relief(problem), _SMOOTH * extent)
+    steps = max(relief(problem.distance, problem.sigma), _SMOOTH * extent)
     return float(np.hypot(noise * np.sqrt(noise / (_NOISE * steps)), _CLEAN * extent))
 
 
 def _weights(problem: Problem, used: NDArray[np.bool_]) -> NDArray[np.float32]:
-    usual = usual_deviation(problem)
+    usual = problem.usual_deviation
     if not np.isfinite(problem.sigma[used]).any() or not problem.noise:
         return used.astype(np.float32)
     if problem.ambiguity_range is not None:

@@ -9,7 +9,6 @@ CVPR 2009. The whole image is solved at once; W_k is sparse (one fused pixel und
 import numpy as np
 
 from solver.fill import smoothed
-from solver.noise import spread, usual_deviation
 from solver.prior import Prior
 from solver.problem import Problem, Solution
 from solver.result import Progress
@@ -26,10 +25,11 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     used = np.isfinite(problem.distance)
     samples = sample(problem.distance, used.astype(np.float32), problem.positions, problem.options.upsampling)
     strength = _strength(problem)
-    seen = samples.weight > 0
     # In units of λ about the middle of the data, so that float32 serves any unit and λ is 1.
-    middle = 0.5 * (float(samples.mean[seen].min()) + float(samples.mean[seen].max()))
-    mean = np.where(seen, (samples.mean - middle) / strength, 0).astype(np.float32)
+    middle = 0.5 * (samples.low + samples.high)
+    mean = samples.mean
+    mean -= np.float32(middle)
+    mean *= np.float32(1 / strength)
     outcome, trail = minimise_reweighted(
         SparseTerm(samples.weight, mean, samples.constant / strength**2),
         Prior(problem.options.neighbourhood),
@@ -49,7 +49,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         outcome.objective * strength**2,
         outcome.gap,
         outcome.converged,
-        relative=strength / usual_deviation(problem),
+        relative=strength / problem.usual_deviation,
         trail=trail,
     )
 
@@ -57,8 +57,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
 def _strength(problem: Problem) -> float:
     if problem.options.regularization != "auto":
         return float(problem.options.regularization)
-    used = np.isfinite(problem.distance)
-    noise = usual_deviation(problem)
-    scale = max(float(np.abs(problem.distance[used]).max()), float(np.finfo(np.float32).tiny))
+    scale = max(float(np.nanmax(np.abs(problem.distance))), float(np.finfo(np.float32).tiny))
+    noise = problem.usual_deviation
     # A constant image has neither noise nor range; any λ gives it back.
-    return max(float(np.hypot(_NOISE * noise, _MIXING * spread(problem.distance))), 1e-6 * scale)
+    return max(float(np.hypot(_NOISE * noise, _MIXING * problem.spread)), 1e-6 * scale)

@@ -59,8 +59,8 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
 
 def _automatic(problem: Problem, guided: bool) -> float:
     least, growth = GUIDED if guided else PLAIN
-    extent = noise_law.spread(problem.distance)
-    share = noise_law.usual_deviation(problem) / extent if extent > 0 else 0.0
+    extent = problem.spread
+    share = problem.usual_deviation / extent if extent > 0 else 0.0
     return least + growth * min(share, 1.0) ** 2
 
 

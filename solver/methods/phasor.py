@@ -12,7 +12,9 @@ import numpy as np
 
 from solver.errors import FusionInputError
 from solver.footprint import AreaTerm
-from solver.plausibility import plausible
+from solver.kernels import phasor as phasors
+from solver.noise import median_light
+from solver.plausibility import around
 from solver.prior import Prior
 from solver.problem import Problem, Solution
 from solver.result import Progress
@@ -39,18 +41,19 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     """
     if problem.amplitude is None or problem.ambiguity_range is None:
         raise FusionInputError("phasor needs amplitude and ambiguity_range")
-    used = np.isfinite(problem.distance) & np.isfinite(problem.amplitude)
-    lit = used & (problem.amplitude > 0)
-    if not lit.any():
+    usual = median_light(problem.amplitude, problem.distance)
+    if not usual:
         raise FusionInputError("amplitude is 0 wherever there is a distance; phasor needs received light")
-    usual = float(np.median(problem.amplitude[lit]))
     turn = 2 * np.pi / problem.ambiguity_range
     sigma = turn * problem.noise / usual
     asked = problem.options.regularization
     strength = max(_AUTO * sigma, _LEAST) if asked == "auto" else float(asked)
-    phase = np.where(used, problem.distance, 0) * np.float32(turn)
-    size = np.where(used, problem.amplitude, 0) / np.float32(usual * strength)
-    values = np.stack([size * np.cos(phase), size * np.sin(phase)]).astype(np.float32)
+    used = np.isfinite(problem.distance)
+    phase = problem.distance * np.float32(turn)
+    values = np.empty((2, *phase.shape), np.float32)
+    np.cos(phase, out=values[0])
+    np.sin(phase, out=values[1])
+    values *= problem.amplitude * np.float32(1 / (usual * strength))
     factor = problem.options.upsampling
     weights = used.astype(np.float32)
     term = AreaTerm(values, weights, problem.positions, factor, problem.options.footprint)
@@ -65,14 +68,22 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         progress=progress,
     )
     inner = slice(2 + term.margin, -2 - term.margin)
-    real, imaginary = unmix(outcome.state.x[:, inner, inner] * np.float32(strength))
-    distance = np.mod(np.arctan2(imaginary, real), np.float32(2 * np.pi)) / np.float32(turn)
-    amplitude = np.hypot(real, imaginary)
-    lost = amplitude < _LOST * sigma
-    lost |= ~plausible(problem, distance, problem.noise / usual, problem.ambiguity_range)
+    z = unmix(outcome.state.x[:, inner, inner] * np.float32(strength))
+    distance, amplitude = z
+    low, high = around(problem, problem.noise / usual, problem.ambiguity_range)
+    phasors.resolve(
+        distance,
+        amplitude,
+        low,
+        high,
+        factor,
+        np.float32(_LOST * sigma),
+        np.float32(1 / turn),
+        np.float32(usual),
+    )
     return Solution(
-        np.where(lost, np.float32(np.nan), distance.astype(np.float32)),
-        amplitude * np.float32(usual),
+        distance,
+        amplitude,
         strength,
         outcome.iterations,
         outcome.objective * (strength * usual) ** 2,

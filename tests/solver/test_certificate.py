@@ -4,12 +4,13 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from solver.certificate import transferred
+from solver.certificate import slope
 from solver.footprint import AreaTerm
+from solver.kernels.bound import correct, potential
 from solver.memory_gradient import Outcome, Term, minimise, start
 from solver.options import NEIGHBOURHOOD, Footprint
 from solver.positions import sample_positions
-from solver.prior import Prior
+from solver.prior import Prior, level
 from solver.sampling import SparseTerm
 
 SHIFTS = np.array([[0, 0], [0.3, 0.45], [-0.4, 0.2], [0.15, -0.35]])
@@ -132,10 +133,27 @@ def test_the_gap_bounds_the_error_long_before_convergence() -> None:
 
 def test_what_unseen_pixels_leave_goes_to_seen_ones_around() -> None:
     rng = np.random.default_rng(4)
-    excess, seen = rng.normal(size=(40, 50)), rng.random((40, 50)) < 0.4
-    moved = transferred(excess, seen, 3.0)
-    np.testing.assert_allclose(moved[~seen], excess[~seen], atol=1e-12)
-    assert abs(moved.sum()) < 1e-6 * np.abs(excess).sum()
+    x, weight = rng.normal(size=(1, 44, 54)), (rng.random((44, 54)) < 0.4).astype(float)
+    dual = Prior().duals(x, np.ones_like(x[0]), level(x), 1.0)
+    before = slope(dual, Prior().weights)[0]
+    phi = potential(before, weight, 200)
+    correct(dual[0], phi, Prior().weights[:2].astype(float), np.full_like(x[0], 1e3))
+    left = slope(dual, Prior().weights)[0]
+    unseen = weight[2:-2, 2:-2] == 0
+    assert np.abs(before[unseen]).max() > 1
+    np.testing.assert_allclose(left[unseen], 0, atol=1e-9)
+
+
+def test_groups_are_brought_into_their_balls_one_by_one() -> None:
+    x = np.random.default_rng(4).normal(size=(1, 14, 24))
+    dual = Prior().duals(x, np.ones_like(x[0]), level(x), 1.0)
+    given = dual.copy()
+    radius = np.full_like(x[0], 0.9)
+    radius[:, :12] = 2.0
+    correct(dual[0], np.zeros((12, 22)), Prior().weights[:2].astype(float), radius)
+    norm = np.linalg.norm(dual[0], axis=0)
+    assert np.all(norm <= radius * (1 + 1e-12))
+    np.testing.assert_array_equal(dual[..., :12], given[..., :12])
 
 
 def test_the_objective_never_rises() -> None:
