@@ -152,6 +152,12 @@ def steep_blocks(mosaic: Mosaic, points: Points, place: Place) -> Mask:
     return blocks.reshape(-1, *points.shape)
 
 
+def finer_blocks(blocks: Mask, shape: tuple[int, int]) -> Mask:
+    """Blocks of 2 × 2 pixels as an image of their pixels (N, H, W); an odd last pixel has its neighbour's."""
+    rows, columns = (np.minimum(np.arange(n) // 2, m - 1) for n, m in zip(shape, blocks.shape[1:], strict=True))
+    return blocks[:, rows[:, None], columns]
+
+
 @numba.njit(cache=True)
 def _look_up(kind, first, pixel, row, column, row0, column0, density, blocks):  # type: ignore[no-untyped-def]
     rows, columns = kind.shape

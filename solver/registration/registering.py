@@ -82,8 +82,7 @@ def register(
         {},
     )
     work.drop_empty()
-    work.align_with_reference()
-    work.align_together()
+    work.align()
     return _result(work.parameters, work.covariance, work.rejected, motion, shape, reference)
 
 

@@ -15,26 +15,30 @@ LEAST_OVERLAP = 0.4  # of the frame's used pixels
 
 
 def search_shifts(
-    samples: Samples, reference: int, centre: NDArray[np.float64], radius: tuple[int, int]
+    samples: Samples,
+    reference: int,
+    centre: NDArray[np.float64],
+    radius: tuple[int, int],
+    better: float = 1.0,
 ) -> NDArray[np.float64]:
     """Displacement (N, 2) of each frame from the reference, in full-resolution pixels.
 
     Tries every whole-pixel displacement of the level within `radius` of `centre` (N, 2, full-resolution
     pixels) and takes the least mean saturating difference over the overlap; of equals the one nearest to the
-    centre.
+    centre. Another than the centre must have less than `better` times its difference.
     """
     if min(samples.shape) >= LARGE and max(radius) > 1:
         coarse = search_shifts(samples.pooled(), reference, centre, (radius[0] // 2, radius[1] // 2))
         return search_shifts(samples, reference, coarse, (1, 1))
     factor = 2**samples.level
     middle = np.rint(centre / factor).astype(np.int64)
-    best = _search(samples.values, samples.weights, reference, middle, radius[0], radius[1])
+    best = _search(samples.values, samples.weights, reference, middle, radius[0], radius[1], better)
     moved = best != 0
     return np.where(moved, (middle + best) * factor, centre).astype(np.float64)
 
 
 @numba.njit(cache=True)
-def _search(values, weights, reference, middle, rows, columns):  # type: ignore[no-untyped-def]
+def _search(values, weights, reference, middle, rows, columns, better):  # type: ignore[no-untyped-def]
     count, height = weights.shape[:2]
     found = np.zeros((count, 2), dtype=np.int64)
     stride = 1 if height < 32 else 2  # every second row is plenty
@@ -54,6 +58,8 @@ def _search(values, weights, reference, middle, rows, columns):  # type: ignore[
                     continue
                 # A thousandth a pixel settles ties, as in a featureless scene.
                 mean = cost / seen + 0.001 * np.sqrt(float(a * a + b * b))
+                if a == 0 and b == 0:
+                    mean *= better
                 if mean < lowest:
                     lowest = mean
                     found[k, 0], found[k, 1] = a, b
