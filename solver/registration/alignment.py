@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from solver.errors import RegistrationError
 from solver.geometry import rotations_to_shifts, shifts_to_rotations
 from solver.registration.gauss_newton import POSITION_ERROR, Equations, normal_equations, solve_steps
-from solver.registration.mosaic import Grid, Mosaic, Place, build_mosaic, finer_blocks, resampled, steep_blocks
+from solver.registration.mosaic import Grid, Mosaic, Place, Sums, finer_blocks, resampled, steep_blocks
 from solver.registration.motion import Motion, Turn
 from solver.registration.points import Points
 from solver.registration.samples import Samples
@@ -150,18 +150,22 @@ class Alignment:
         own = points.frame(self.reference)
         place = self.motion.place(own, np.zeros((1, 3)))
         grid = Grid.over(place, own.shape, density=1.0)
-        return build_mosaic(own, place, grid, smoothing=0.3, sweeps=8)
+        sums = Sums(grid, own.values.shape[1])
+        sums.add(own, place)
+        return sums.solve(smoothing=0.3, sweeps=8)
 
     def _refine_jointly(self, points: Points, coarser: Mosaic | None) -> Mosaic:
         """Against the mosaic of all frames, until the finer level can go on."""
         place = self._place(points)
         grid = Grid.over(place, points.shape, DENSITY)
         start = None if coarser is None else resampled(coarser, grid, factor=0.5)
+        sums = Sums(grid, points.values.shape[1])
         for _ in range(COARSE):
-            mosaic, _, moved = self._joint_step(points, place, grid, start)
+            mosaic, _, moved = self._joint_step(points, place, sums, start)
             if moved < ENOUGH:
                 break
             place, start = self._place(points), mosaic.values
+            sums.clear(grid)
         return mosaic
 
     def _refine_staggered(self, points: Points, coarser: Mosaic | None) -> Equations:
@@ -173,20 +177,23 @@ class Alignment:
         place = self._place(points)
         grid = Grid.over(place, points.shape, DENSITY)
         start = None if coarser is None else resampled(coarser, grid, factor=0.5)
+        sums = Sums(grid, points.values.shape[1])
         for step in range(FINE):
             before = self.parameters
-            mosaic, equations, moved = self._joint_step(points, place, grid, start)
+            mosaic, equations, moved = self._joint_step(points, place, sums, start)
             if step > 0 and moved < STEP:
                 break
             place, grid = self._place(points), grid.staggered(step)
             start = resampled(mosaic, grid, factor=1.0)
+            sums.clear(grid)
         self.parameters = (before + self.parameters) / 2
         return equations
 
     def _joint_step(
-        self, points: Points, place: Place, grid: Grid, start: Image | None
+        self, points: Points, place: Place, sums: Sums, start: Image | None
     ) -> tuple[Mosaic, Equations, float]:
-        mosaic = build_mosaic(points, place, grid, smoothing=SMOOTHING, sweeps=SWEEPS, start=start)
+        sums.add(points, place)
+        mosaic = sums.solve(smoothing=SMOOTHING, sweeps=SWEEPS, start=start)
         equations = self._equations(points, place, mosaic, POSITION_ERROR)
         return mosaic, equations, self._step(equations, hold_reference=False)
 

@@ -72,39 +72,59 @@ class Mosaic:
     slope_noise: float
 
 
-def build_mosaic(
-    points: Points,
-    place: Place,
-    grid: Grid,
-    *,
-    smoothing: float,
-    sweeps: int,
-    start: Image | None = None,
-) -> Mosaic:
-    """U from points, whose weights are typically one, at places (rows, columns).
+class Sums:
+    """The normal equations of samples on a grid, which samples may be added to; kept, they are memory ready.
 
     Args:
-        smoothing: λ in units of 1/σ, σ the typical deviation of a sample.
-        sweeps: conjugate-gradient steps per reweighting.
-        start: a first U on the same grid.
+        grid: where the nodes are.
+        channels: C of the samples' values.
     """
-    stencil = np.zeros((5, *grid.size), np.float32)
-    right = np.zeros((points.values.shape[1], *grid.size), np.float32)
-    _accumulate(points.values, points.weights, *place, *grid.origin, grid.density, stencil, right)
-    mass = cv2.blur(stencil[0], (3, 3))
-    image = _weighted_mean(stencil, right) if start is None else start
-    data = stencil[:3].copy() if start is None else stencil[:3]
-    for _ in range(COLD if start is None else 1):
-        _stiffen(data, _stiffness(image, smoothing, EPSILON / grid.density), stencil)
-        image, _ = conjugate_gradients(stencil, right, image, steps=sweeps)
-    seen = mass[::3, ::3]
-    covered = mass > (0.1 * float(np.median(seen[seen > 0])) if seen.any() else 0)
-    mass_per_node = float(points.weights.sum()) / max(int(np.count_nonzero(covered)), 1)
-    # That of central differences of independent nodes: the prior lowers it, picking steep nodes raises it.
-    noise = len(image) * grid.density**2 / (2 * mass_per_node + 1e-30)
-    square = np.zeros(grid.size, np.float32)
-    _steepness(image, square)
-    return Mosaic(image, _kinds(square, covered), grid, noise)
+
+    def __init__(self, grid: Grid, channels: int) -> None:
+        self.grid = grid
+        # The prior changes the first three of the stencil's five images; these are the data's own.
+        self._data = np.zeros((3, *grid.size), np.float32)
+        self._stencil = np.zeros((5, *grid.size), np.float32)
+        self._right = np.zeros((channels, *grid.size), np.float32)
+        self._scratch = np.empty((3, channels, *grid.size), np.float32)
+        self._mass = 0.0
+
+    def clear(self, grid: Grid) -> None:
+        """Begin anew on a grid of the same size."""
+        self.grid, self._mass = grid, 0.0
+        for sums in (self._data, self._stencil[3:], self._right):
+            sums[:] = 0
+
+    def add(self, points: Points, place: Place) -> None:
+        """Add points, whose weights are typically one, at places (rows, columns)."""
+        grid = *self.grid.origin, self.grid.density
+        _accumulate(points.values, points.weights, *place, *grid, self._data, self._stencil, self._right)
+        self._mass += float(points.weights.sum())
+
+    def solve(self, *, smoothing: float, sweeps: int, start: Image | None = None) -> Mosaic:
+        """The mosaic of what was added.
+
+        Args:
+            smoothing: λ in units of 1/σ, σ the typical deviation of a sample.
+            sweeps: conjugate-gradient steps per reweighting.
+            start: a first U on the same grid.
+        """
+        mass = cv2.blur(self._data[0], (3, 3))
+        image = _weighted_mean(self._data, self._right) if start is None else start
+        density = self.grid.density
+        for _ in range(COLD if start is None else 1):
+            _stiffen(self._data, _stiffness(image, smoothing, EPSILON / density), self._stencil)
+            image, _ = conjugate_gradients(
+                self._stencil, self._right, image, steps=sweeps, scratch=self._scratch
+            )
+        seen = mass[::3, ::3]
+        covered = mass > (0.1 * float(np.median(seen[seen > 0])) if seen.any() else 0)
+        mass_per_node = self._mass / max(int(np.count_nonzero(covered)), 1)
+        # That of central differences of independent nodes: the prior lowers it, picking steep nodes raises it.
+        noise = len(image) * density**2 / (2 * mass_per_node + 1e-30)
+        square = np.zeros(self.grid.size, np.float32)
+        _steepness(image, square)
+        return Mosaic(image, _kinds(square, covered), self.grid, noise)
 
 
 def _kinds(square: Image, covered: Mask) -> NDArray[np.uint8]:
@@ -132,12 +152,10 @@ def resampled(mosaic: Mosaic, grid: Grid, factor: float) -> Image:
     matrix = np.array([[scale, 0, offset[1]], [0, scale, offset[0]]])
     size = (grid.size[1], grid.size[0])
     flags = (cv2.INTER_LINEAR if factor != 1 else cv2.INTER_CUBIC) | cv2.WARP_INVERSE_MAP
-    return np.stack(
-        [
-            cv2.warpAffine(image, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
-            for image in mosaic.values
-        ]
-    ).astype(np.float32, copy=False)
+    values = np.empty((len(mosaic.values), *grid.size), np.float32)
+    for image, into in zip(mosaic.values, values, strict=True):
+        cv2.warpAffine(image, matrix, size, into, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    return values
 
 
 def steep_blocks(mosaic: Mosaic, points: Points, place: Place) -> Mask:
@@ -181,10 +199,10 @@ def _extent(row, column, height, width):  # type: ignore[no-untyped-def]
     return np.array([[top, left], [max(top, bottom), max(left, right)]])
 
 
-def _weighted_mean(stencil: Image, right: Image) -> Image:
+def _weighted_mean(data: Image, right: Image) -> Image:
     """A first U: the weighted mean of the samples around each node, of farther ones where there are none."""
     top: Image = right
-    bottom: Image = stencil[0] + stencil[1] + stencil[2]
+    bottom: Image = data.sum(axis=0)
     enough = 1e-3 * float(bottom.mean())
     result = np.zeros_like(right)
     known = np.zeros(bottom.shape, dtype=bool)
@@ -201,8 +219,8 @@ def _weighted_mean(stencil: Image, right: Image) -> Image:
 
 
 @numba.njit(cache=True, fastmath=True)
-def _accumulate(values, weights, row, column, row0, column0, density, S, b):  # type: ignore[no-untyped-def]
-    """Add the samples to the stencil and the right side."""
+def _accumulate(values, weights, row, column, row0, column0, density, D, S, b):  # type: ignore[no-untyped-def]
+    """Add the samples to the diagonal and the couplings to the right and below, the other two, the right side."""
     channels, rows, columns = b.shape
     top, left, scale, one = np.float32(row0), np.float32(column0), np.float32(density), np.float32(1.0)
     for s in range(len(weights)):
@@ -219,14 +237,14 @@ def _accumulate(values, weights, row, column, row0, column0, density, S, b):  # 
             b[h, m, n + 1] += w01 * y
             b[h, m + 1, n] += w10 * y
             b[h, m + 1, n + 1] += w11 * y
-        S[0, m, n] += w * w00 * w00
-        S[0, m, n + 1] += w * w01 * w01
-        S[0, m + 1, n] += w * w10 * w10
-        S[0, m + 1, n + 1] += w * w11 * w11
-        S[1, m, n] += w * w00 * w01  # to the right
-        S[1, m + 1, n] += w * w10 * w11
-        S[2, m, n] += w * w00 * w10  # down
-        S[2, m, n + 1] += w * w01 * w11
+        D[0, m, n] += w * w00 * w00
+        D[0, m, n + 1] += w * w01 * w01
+        D[0, m + 1, n] += w * w10 * w10
+        D[0, m + 1, n + 1] += w * w11 * w11
+        D[1, m, n] += w * w00 * w01  # to the right
+        D[1, m + 1, n] += w * w10 * w11
+        D[2, m, n] += w * w00 * w10  # down
+        D[2, m, n + 1] += w * w01 * w11
         S[3, m, n] += w * w00 * w11  # down and right
         S[4, m, n + 1] += w * w01 * w10  # down and left
 
