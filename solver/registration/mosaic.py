@@ -29,6 +29,7 @@ UNSEEN, FLAT, STEEP = 0, 1, 2
 COLD = 2  # reweightings from a blurred start; one is enough from an earlier mosaic
 STEEPEST = 0.16  # share of the mosaic that counts as steep: its edges
 MARGIN = 2  # pixels around the samples, for slopes at the border
+WITHIN = 0xFFFFFF  # tells the compiler that an index is not negative: it need not look for wrapping
 EPSILON = 0.3  # of a deviation between nodes: where the prior turns from quadratic to absolute
 
 
@@ -118,7 +119,7 @@ class Sums:
                 self._stencil, self._right, image, steps=sweeps, scratch=self._scratch
             )
         seen = mass[::3, ::3]
-        covered = mass > (0.1 * float(np.median(seen[seen > 0])) if seen.any() else 0)
+        covered = mass > (0.1 * _quantile(seen[seen > 0], 0.5) if seen.any() else 0)
         mass_per_node = self._mass / max(int(np.count_nonzero(covered)), 1)
         # That of central differences of independent nodes: the prior lowers it, picking steep nodes raises it.
         noise = len(image) * density**2 / (2 * mass_per_node + 1e-30)
@@ -136,10 +137,16 @@ def _kinds(square: Image, covered: Mask) -> NDArray[np.uint8]:
     inner = cv2.erode(kind, np.ones((3, 3), np.uint8), borderValue=0) > 0
     some = square[::3, ::3][inner[::3, ::3]]  # a ninth of the nodes tells the quantile
     if some.size:
-        limit = float(np.quantile(some, 1 - STEEPEST))
+        limit = _quantile(some, 1 - STEEPEST)
         near = cv2.dilate((inner & (square >= limit)).astype(np.uint8), np.ones((5, 5), np.uint8))
         kind[covered & (near > 0)] = STEEP
     return kind
+
+
+def _quantile(values: Image, share: float) -> float:
+    """The nearest value instead of NumPy's interpolated one, in a third of its time."""
+    k = round(share * (len(values) - 1))
+    return float(np.partition(values, k)[k])
 
 
 def resampled(mosaic: Mosaic, grid: Grid, factor: float) -> Image:
@@ -227,7 +234,7 @@ def _accumulate(values, weights, row, column, row0, column0, density, D, S, b): 
         r, c = (row[s] - top) * scale, (column[s] - left) * scale
         if not (r >= 0.0 and c >= 0.0 and r < rows - 1 and c < columns - 1):
             continue
-        m, n = int(r), int(c)
+        m, n = int(r) & WITHIN, int(c) & WITHIN
         a, d, w = r - np.float32(m), c - np.float32(n), weights[s]
         w00, w01 = (one - a) * (one - d), (one - a) * d
         w10, w11 = a * (one - d), a * d
