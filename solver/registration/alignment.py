@@ -4,13 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import RegistrationError
-from solver.geometry import rotations_to_shifts, shifts_to_rotations
 from solver.registration.gauss_newton import POSITION_ERROR, Equations, normal_equations, solve_steps
 from solver.registration.mosaic import Grid, Mosaic, Place, Sums, finer_blocks, resampled, steep_blocks
-from solver.registration.motion import Motion, Turn
+from solver.registration.motion import Motion
 from solver.registration.points import Points
 from solver.registration.samples import Samples
-from solver.registration.start import search_shifts
+from solver.registration.start import find_start
 
 Float = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -25,7 +24,6 @@ ALIASED = 0.2  # pixels; position error of a mosaic of one frame, whose edges al
 DENSITY = 1.83  # nodes per pixel; two is the Nyquist limit of the footprint's first zero, 1.6 blurs
 PAIRWISE, COARSE, FINE = 4, 4, 4  # steps at most
 ENOUGH = 0.5  # pixels
-BETTER = 0.8  # times a guess's difference; within a coarse pixel aliasing changes it by up to a tenth
 SMOOTHING = 3.0  # λ; a tenth lets noise into the mosaic and biases high noise, ten times blurs it
 SWEEPS = 2  # of conjugate gradients per Gauss–Newton step; six times as many change nothing
 
@@ -117,24 +115,8 @@ class Alignment:
         return self._refine_staggered(self._points(self.levels[0], blocks), coarser)
 
     def _searched(self, guided: bool) -> Float:
-        coarse = self.levels[-1]
-        height, width = coarse.shape
-        shape = self.levels[0].shape
-        turn = self.motion if isinstance(self.motion, Turn) else None
-        if turn is None:
-            centre = self.guess[:, :2]
-        else:
-            centre = rotations_to_shifts(self.guess, shape, turn.intrinsics, turn.lens)
-        if not guided:
-            centre = np.zeros_like(centre)
-        radius = (1, 1) if guided else (max(1, height // 4), max(1, width // 4))
-        found = search_shifts(coarse, self.reference, centre, radius, BETTER if guided else 1.0)
-        if turn is None:
-            return np.column_stack([found, np.zeros(self.count)])
-        moved = (found != centre).any(axis=1)
-        start = self.guess.copy()
-        start[moved] = shifts_to_rotations(found[moved], shape, turn.intrinsics, turn.lens)
-        return start
+        coarse, shape = self.levels[-1], self.levels[0].shape
+        return find_start(coarse, shape, self.reference, self.guess, self.motion, guided)
 
     def _refine_pairwise(self) -> Equations:
         """Against the reference alone, on the coarsest level."""

@@ -25,10 +25,13 @@ Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Place = tuple[Image, Image]
 
+Borders = tuple[tuple[int, int], tuple[int, int]]
+
 UNSEEN, FLAT, STEEP = 0, 1, 2
 COLD = 2  # reweightings from a blurred start; one is enough from an earlier mosaic
 STEEPEST = 0.16  # share of the mosaic that counts as steep: its edges
 MARGIN = 2  # pixels around the samples, for slopes at the border
+SPARE = 6  # nodes; a grid that grows often costs more than one that is somewhat larger
 WITHIN = 0xFFFFFF  # tells the compiler that an index is not negative: it need not look for wrapping
 EPSILON = 0.3  # of a deviation between nodes: where the prior turns from quadratic to absolute
 
@@ -53,6 +56,24 @@ class Grid:
         low, high = np.floor(first) - MARGIN, np.ceil(last) + MARGIN
         rows, columns = np.ceil((high - low) * density).astype(int) + 1
         return cls((float(low[0]), float(low[1])), (int(rows), int(columns)), density)
+
+    def lacking(self, place: Place, shape: tuple[int, int]) -> Borders:
+        """Nodes to add before and after in rows and columns to hold other places too, with some to spare."""
+        first, last = _extent(*place, *shape)
+        borders = []
+        for start, size, low, high in zip(self.origin, self.size, first, last, strict=True):
+            before = int(np.ceil((start - low + 1) * self.density))
+            after = int(np.ceil((high + 1 - start) * self.density)) + 1 - size
+            borders.append((before + SPARE if before > 0 else 0, after + SPARE if after > 0 else 0))
+        return borders[0], borders[1]
+
+    def extended(self, borders: Borders) -> "Grid":
+        """The grid with nodes added before and after in rows and columns."""
+        origin = [
+            start - before / self.density for start, (before, _) in zip(self.origin, borders, strict=True)
+        ]
+        rows, columns = (size + sum(border) for size, border in zip(self.size, borders, strict=True))
+        return Grid((origin[0], origin[1]), (rows, columns), self.density)
 
     def staggered(self, back: int) -> "Grid":
         """The grid whose nodes lie in the middle of this one's cells, above and left where `back` is even."""
@@ -95,6 +116,21 @@ class Sums:
         self.grid, self._mass = grid, 0.0
         for sums in (self._data, self._stencil[3:], self._right):
             sums[:] = 0
+
+    def fade(self, keep: float) -> None:
+        """Let what was added count less."""
+        for sums in (self._data, self._stencil[3:], self._right):
+            sums *= np.float32(keep)
+        self._mass *= keep
+
+    def extend(self, borders: Borders) -> None:
+        """Go on with a larger grid."""
+        self.grid = self.grid.extended(borders)
+        wide = ((0, 0), *borders)
+        self._data, self._stencil, self._right = (
+            np.pad(sums, wide) for sums in (self._data, self._stencil, self._right)
+        )
+        self._scratch = np.empty((3, *self._right.shape), np.float32)
 
     def add(self, points: Points, place: Place) -> None:
         """Add points, whose weights are typically one, at places (rows, columns)."""
@@ -179,7 +215,9 @@ def steep_blocks(mosaic: Mosaic, points: Points, place: Place) -> Mask:
 
 def finer_blocks(blocks: Mask, shape: tuple[int, int]) -> Mask:
     """Blocks of 2 × 2 pixels as an image of their pixels (N, H, W); an odd last pixel has its neighbour's."""
-    rows, columns = (np.minimum(np.arange(n) // 2, m - 1) for n, m in zip(shape, blocks.shape[1:], strict=True))
+    rows, columns = (
+        np.minimum(np.arange(n) // 2, m - 1) for n, m in zip(shape, blocks.shape[1:], strict=True)
+    )
     return blocks[:, rows[:, None], columns]
 
 
@@ -268,15 +306,19 @@ def _stiffness(image: Image, strength: float, epsilon: float) -> Image:
 
 @numba.njit(cache=True, fastmath=True)
 def _jumps(image, square):  # type: ignore[no-untyped-def]
-    """Add |∇U|² of forward differences between nodes."""
+    """Add |∇U|² from the differences on both sides of a node: one side alone would shift what is smoothed."""
     channels, rows, columns = image.shape
-    for i in range(rows - 1):
-        out = square[i, :-1]
+    half = np.float32(0.5)
+    for i in range(rows):
+        up, low = max(i - 1, 0), min(i + 1, rows - 1)
+        out = square[i, 1:-1]
         for h in range(channels):
-            x, after, below = image[h, i, :-1], image[h, i, 1:], image[h, i + 1, :-1]
-            for j in range(columns - 1):
-                down, right = below[j] - x[j], after[j] - x[j]
-                out[j] += down * down + right * right
+            x, above, below = image[h, i, 1:-1], image[h, up, 1:-1], image[h, low, 1:-1]
+            before, after = image[h, i, :-2], image[h, i, 2:]
+            for j in range(columns - 2):
+                left, right, top, bottom = x[j] - before[j], after[j] - x[j], x[j] - above[j], below[j] - x[j]
+                out[j] += half * (left * left + right * right + top * top + bottom * bottom)
+    square[:, 0], square[:, columns - 1] = square[:, 1], square[:, columns - 2]
 
 
 @numba.njit(cache=True, fastmath=True)

@@ -36,6 +36,14 @@ class Samples:
         """Rows and columns."""
         return self.weights.shape[1], self.weights.shape[2]
 
+    def joined(self, other: "Samples") -> "Samples":
+        """The frames of both, of the same level."""
+        return Samples(
+            np.concatenate([self.values, other.values], axis=1),
+            np.concatenate([self.weights, other.weights]),
+            self.level,
+        )
+
     def pooled(self) -> "Samples":
         """Weighted 2 × 2 means; an odd last row or column is left out."""
         channels, count, height, width = self.values.shape
@@ -193,9 +201,7 @@ def _distance_channels(distance: Image, amplitude: Image | None) -> Channels:
     return partial(_distances, np.float32(typical))
 
 
-def _distances(
-    typical: np.float32, distance: Image, amplitude: Image | None
-) -> tuple[Image, Mask, Image]:
+def _distances(typical: np.float32, distance: Image, amplitude: Image | None) -> tuple[Image, Mask, Image]:
     valid = np.isfinite(distance)
     values = np.where(valid, distance, 0).astype(np.float32)
     relative = np.ones_like(values)

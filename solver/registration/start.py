@@ -4,6 +4,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.geometry import rotations_to_shifts, shifts_to_rotations
+from solver.registration.motion import Motion, Turn
 from solver.registration.samples import Samples
 
 # Deviations at which a difference counts half, so that occlusion edges do not decide. Pooled weights are
@@ -11,7 +13,39 @@ from solver.registration.samples import Samples
 HALF = 30.0
 LARGE = 32  # pixels of the shorter side from which a coarser search comes first
 UNUSED = np.float32(1e32)
+BETTER = 0.8  # times a guess's difference; within a coarse pixel aliasing changes it by up to a tenth
 LEAST_OVERLAP = 0.4  # of the frame's used pixels
+
+
+def find_start(
+    coarse: Samples,
+    shape: tuple[int, int],
+    reference: int,
+    guess: NDArray[np.float64],
+    motion: Motion,
+    guided: bool,
+) -> NDArray[np.float64]:
+    """Parameters (N, 3) of the motion: the guess, or where the frames agree clearly better with the reference.
+
+    Args:
+        coarse: the coarsest level of the frames.
+        shape: rows and columns at full resolution.
+        guided: look next to the guess instead of up to a quarter of the image away.
+    """
+    height, width = coarse.shape
+    turn = motion if isinstance(motion, Turn) else None
+    centre = guess[:, :2] if turn is None else rotations_to_shifts(guess, shape, turn.intrinsics, turn.lens)
+    if guided:
+        found = search_shifts(coarse, reference, centre, (1, 1), BETTER)
+    else:
+        centre = np.zeros_like(centre)
+        found = search_shifts(coarse, reference, centre, (max(1, height // 4), max(1, width // 4)))
+    if turn is None:
+        return np.column_stack([found, np.zeros(len(guess))])
+    moved = (found != centre).any(axis=1)
+    start = guess.copy()
+    start[moved] = shifts_to_rotations(found[moved], shape, turn.intrinsics, turn.lens)
+    return start
 
 
 def search_shifts(
