@@ -157,7 +157,7 @@ class Sums:
         seen = mass[::3, ::3]
         covered = mass > (0.1 * _quantile(seen[seen > 0], 0.5) if seen.any() else 0)
         mass_per_node = self._mass / max(int(np.count_nonzero(covered)), 1)
-        # That of central differences of independent nodes: the prior lowers it, picking steep nodes raises it.
+        # That of central differences of independent nodes: the prior lowers it, picking steep ones raises it.
         noise = len(image) * density**2 / (2 * mass_per_node + 1e-30)
         square = np.zeros(self.grid.size, np.float32)
         _steepness(image, square)
@@ -265,7 +265,7 @@ def _weighted_mean(data: Image, right: Image) -> Image:
 
 @numba.njit(cache=True, fastmath=True)
 def _accumulate(values, weights, row, column, row0, column0, density, D, S, b):  # type: ignore[no-untyped-def]
-    """Add the samples to the diagonal and the couplings to the right and below, the other two, the right side."""
+    """Add the samples: D is the diagonal and the couplings right and below, S the whole, b the right side."""
     channels, rows, columns = b.shape
     top, left, scale, one = np.float32(row0), np.float32(column0), np.float32(density), np.float32(1.0)
     for s in range(len(weights)):

@@ -25,7 +25,7 @@ def find_start(
     motion: Motion,
     guided: bool,
 ) -> NDArray[np.float64]:
-    """Parameters (N, 3) of the motion: the guess, or where the frames agree clearly better with the reference.
+    """Parameters (N, 3) of the motion: the guess, or where a frame agrees clearly better with the reference.
 
     Args:
         coarse: the coarsest level of the frames.

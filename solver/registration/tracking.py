@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solver.errors import RegistrationError
-from solver.registration.alignment import ALIASED, DENSITY, FEWEST, OVERLAP, SMOOTHING, SWEEPS
+from solver.registration.alignment import ALIASED, DENSITY, FEWEST, OVERLAP, SMOOTHING
 from solver.registration.gauss_newton import POSITION_ERROR, Equations, normal_equations, solve_steps
 from solver.registration.mosaic import Grid, Mosaic, Place, Sums
 from solver.registration.motion import Motion, Shift, Turn
@@ -16,6 +16,7 @@ Float = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 STEPS = 5  # at most per level
+SWEEPS = 1  # of conjugate gradients per frame, as each mosaic starts from the one before
 COARSE_STEP, STEP = 0.2, 0.03  # pixels; the next step would be about a tenth of it
 GUESS = 2.0  # pixels; deviation of a first guess
 
@@ -135,7 +136,6 @@ class _Layer:
         self._motion = motion
         self._base = motion.base(samples)
         self._sums: Sums | None = None
-        self._image: Image | None = None
         self.error = ALIASED
         self.mosaic: Mosaic
 
