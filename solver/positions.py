@@ -62,28 +62,43 @@ def rotated_positions(
 def rotation_matrix(vector: ArrayLike) -> NDArray[np.float64]:
     """Rodrigues' formula: 3 × 3 matrices (..., 3, 3) of rotation vectors (..., 3) in radians."""
     turn = np.asarray(vector, dtype=np.float64)
-    x, y, z = np.moveaxis(turn, -1, 0)
-    zero = np.zeros_like(x)
-    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)
-    angle = np.sqrt(x * x + y * y + z * z)[..., None, None]
-    sine = np.sinc(angle / np.pi)  # sin(a)/a
-    half = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2  # (1 − cos a)/a²
-    matrix: NDArray[np.float64] = np.eye(3) + sine * cross + half * (cross @ cross)
-    return matrix
+    matrices = np.empty((turn.size // 3, 3, 3))
+    _rodrigues(np.ascontiguousarray(turn).reshape(-1, 3), matrices)
+    return matrices.reshape(*turn.shape, 3)
 
 
 def rotation_vector(matrix: ArrayLike) -> NDArray[np.float64]:
     """Rotation vectors (..., 3) in radians of matrices (..., 3, 3) that turn by less than half a turn."""
     R = np.asarray(matrix, dtype=np.float64)
-    axis = 0.5 * np.stack(
-        [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1
-    )
-    sine = np.linalg.norm(axis, axis=-1)
-    cosine = 0.5 * (np.trace(R, axis1=-2, axis2=-1) - 1)
-    angle = np.arctan2(sine, cosine)
-    scale = np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 1.0)
-    vector: NDArray[np.float64] = axis * scale[..., None]
-    return vector
+    vectors = np.empty((R.size // 9, 3))
+    _unwind(np.ascontiguousarray(R).reshape(-1, 3, 3), vectors)
+    return vectors.reshape(R.shape[:-1])
+
+
+@numba.njit(cache=True)
+def _rodrigues(vectors, matrices):  # type: ignore[no-untyped-def]
+    for k in range(len(vectors)):
+        x, y, z = vectors[k]
+        angle = np.sqrt(x * x + y * y + z * z)
+        # (1 − cos a)/a² = ½ (sin(a/2)/(a/2))², which does not cancel where a is small.
+        sine = np.sin(angle) / angle if angle > 0.0 else 1.0
+        half = np.sin(0.5 * angle) / (0.5 * angle) if angle > 0.0 else 1.0
+        bend = 0.5 * half * half
+        R = matrices[k]
+        R[0] = 1 - bend * (y * y + z * z), bend * x * y - sine * z, bend * x * z + sine * y
+        R[1] = bend * x * y + sine * z, 1 - bend * (x * x + z * z), bend * y * z - sine * x
+        R[2] = bend * x * z - sine * y, bend * y * z + sine * x, 1 - bend * (x * x + y * y)
+
+
+@numba.njit(cache=True)
+def _unwind(matrices, vectors):  # type: ignore[no-untyped-def]
+    for k in range(len(matrices)):
+        R = matrices[k]
+        x, y, z = 0.5 * (R[2, 1] - R[1, 2]), 0.5 * (R[0, 2] - R[2, 0]), 0.5 * (R[1, 0] - R[0, 1])
+        sine = np.sqrt(x * x + y * y + z * z)
+        angle = np.arctan2(sine, 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1))
+        scale = angle / sine if sine > 1e-12 else 1.0
+        vectors[k] = scale * x, scale * y, scale * z
 
 
 def _checked(name: str, values: ArrayLike | None, shape: tuple[int, int]) -> NDArray[np.float64]:

@@ -3,6 +3,7 @@
 import time
 from collections import deque
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,8 +19,11 @@ from solver.preparation import complete, prepare
 from solver.problem import Solution
 from solver.result import Fused, Report, Seconds
 
-_ANCHORS = 3
-"""Frames that a new one is registered with: spread over the window, so that the track does not drift."""
+_FEW = 6
+"""Frames that are registered together: a mosaic of fewer is aliased, and what it misplaces would stay."""
+
+if TYPE_CHECKING:
+    from solver.registration import Track
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +79,7 @@ class SlidingFusion:
         self._pushed = 0
         self._grid = np.zeros(2 if self._matrix is None else 3)
         self._last: Solution | None = None
+        self._track: Track | None = None
 
     def push(
         self,
@@ -107,9 +112,10 @@ class SlidingFusion:
         guess = None
         if initial is not None:
             guess = checks.check_vectors("initial", np.asarray(initial)[None], 1, (len(self._grid),))
-        pose = (
-            given if given is not None else self._register(frame, light, None if guess is None else guess[0])
-        )
+        if given is None:
+            pose = self._register(frame, light, None if guess is None else guess[0])
+        else:
+            pose, self._track = given, None
         registered = time.perf_counter()
         notes = self._append(frame, None if light is None else light[0], pose)
         return self._fuse(options, notes, begin, registered)
@@ -145,33 +151,41 @@ class SlidingFusion:
         light: NDArray[np.float32] | None,
         guess: NDArray[np.float64] | None,
     ) -> NDArray[np.float64]:
-        """The pose of a frame, from its motion against the newest frames of the window."""
+        """The pose of a frame, which follows the track of the ones before."""
         if not self._window:
             return np.zeros_like(self._grid)
-        from solver.registration import register
+        from solver.registration import Track, register
 
-        spread = np.linspace(0, len(self._window) - 1, min(_ANCHORS, len(self._window))).astype(int)
-        anchors = [self._window[k] for k in spread]
-        base = anchors[0].pose
-        poses = [entry.pose for entry in anchors]
-        poses.append(guess if guess is not None else poses[-1])
-        found = register(
-            np.stack([*(entry.distance for entry in anchors), frame]),
-            None
-            if light is None
-            else np.stack([*(entry.amplitude for entry in anchors if entry.amplitude is not None), light[0]]),
-            intrinsics=self._matrix,
-            distortion=self._lens,
-            initial=np.stack([self._relative(pose, base) for pose in poses]),
-            ambiguity_range=self._range,
-        )
-        last = len(anchors)
-        if last in found.rejected:
-            raise RegistrationError(
-                f"frame {self._pushed} does not fit the ones before: {found.rejected[last]}"
+        entries = list(self._window)
+        base = self._grid if len(entries) >= _FEW else entries[0].pose
+        poses = np.stack([self._relative(entry.pose, base) for entry in entries])
+        first = poses[-1] if guess is None else self._relative(guess, base)
+        image = None if light is None else light[0]
+        if len(entries) < _FEW:
+            lights = [entry.amplitude for entry in entries if entry.amplitude is not None]
+            found = register(
+                np.stack([*(entry.distance for entry in entries), frame]),
+                None if image is None else np.stack([*lights, image]),
+                intrinsics=self._matrix,
+                distortion=self._lens,
+                initial=np.stack([*poses, first]),
+                ambiguity_range=self._range,
             )
-        moved = found.shifts[last] if found.rotations is None else found.rotations[last]
-        return self._composed(base, moved)
+            if len(entries) in found.rejected:
+                raise RegistrationError(self._misfit(found.rejected[len(entries)]))
+            moved = (found.shifts if found.rotations is None else found.rotations)[-1]
+            return self._composed(base, moved)
+        if self._track is None:
+            self._track = Track(self._window.maxlen or 1, self._matrix, self._lens, self._range)
+            for entry, pose in zip(entries, poses, strict=True):
+                self._track.add(entry.distance, entry.amplitude, pose)
+        try:
+            return self._composed(base, self._track.follow(frame, image, first))
+        except RegistrationError as error:
+            raise RegistrationError(self._misfit(str(error))) from error
+
+    def _misfit(self, why: str) -> str:
+        return f"frame {self._pushed} does not fit the ones before: {why}"
 
     def _append(
         self, frame: NDArray[np.float32], light: NDArray[np.float32] | None, pose: NDArray[np.float64]
@@ -182,7 +196,7 @@ class SlidingFusion:
             self._grid = pose
             positions = self._positions(frame.shape, pose)
         elif _overlap(positions) < 0.5:
-            self._grid, self._last = pose, None
+            self._grid, self._last, self._track = pose, None, None
             kept = [
                 replace(entry, positions=self._positions(frame.shape, entry.pose)) for entry in self._window
             ]

@@ -13,21 +13,29 @@ Image = NDArray[np.float32]
 
 
 def conjugate_gradients(
-    stencil: Image, right: Image, start: Image, *, steps: int, tolerance: float = 0.0
+    stencil: Image,
+    right: Image,
+    start: Image,
+    *,
+    steps: int,
+    tolerance: float = 0.0,
+    scratch: Image | None = None,
 ) -> tuple[Image, int]:
     """Solve stencil · image = right for every channel of (C, rows, columns), preconditioned by the diagonal.
 
     Args:
         steps: the most steps taken.
         tolerance: stop where the residual has fallen to this part of `right`, in the preconditioner's norm.
+        scratch: (3, C, rows, columns) to be overwritten, for who solves again and again.
 
     Returns:
         the image and the number of steps taken.
     """
-    image, direction = start.copy(), np.zeros_like(start)
-    residual, product = np.empty_like(start), np.empty_like(start)
+    image = start.copy()
+    residual, product, direction = np.empty((3, *start.shape), np.float32) if scratch is None else scratch
     _multiply(stencil, image, residual)
     np.subtract(right, residual, out=residual)
+    direction[:] = 0
     energy, ratio = float(_energy(stencil[0], residual)), 0.0
     enough = tolerance**2 * float(_energy(stencil[0], right))
     for step in range(steps):

@@ -4,13 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import RegistrationError
-from solver.geometry import rotations_to_shifts, shifts_to_rotations
 from solver.registration.gauss_newton import POSITION_ERROR, Equations, normal_equations, solve_steps
-from solver.registration.mosaic import Grid, Mosaic, Place, build_mosaic, resampled, steep_blocks
-from solver.registration.motion import Motion, Turn
+from solver.registration.mosaic import Grid, Mosaic, Place, Sums, finer_blocks, resampled, steep_blocks
+from solver.registration.motion import Motion
 from solver.registration.points import Points
 from solver.registration.samples import Samples
-from solver.registration.start import search_shifts
+from solver.registration.start import find_start
 
 Float = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -23,7 +22,8 @@ RELAXATION = 1.2  # a step against the common mosaic falls short, as each frame 
 COARSE_STEP = 0.2  # pixels; the finer level goes on
 ALIASED = 0.2  # pixels; position error of a mosaic of one frame, whose edges alias
 DENSITY = 1.83  # nodes per pixel; two is the Nyquist limit of the footprint's first zero, 1.6 blurs
-PAIRWISE, FINE = 4, 4  # steps at most
+PAIRWISE, COARSE, FINE = 4, 4, 4  # steps at most
+ENOUGH = 0.5  # pixels
 SMOOTHING = 3.0  # λ; a tenth lets noise into the mosaic and biases high noise, ten times blurs it
 SWEEPS = 2  # of conjugate gradients per Gauss–Newton step; six times as many change nothing
 
@@ -68,9 +68,30 @@ class Alignment:
                 raise RegistrationError(f"frame {k}, the reference, cannot be used: {what}")
             self.rejected[int(k)] = what
 
-    def align_with_reference(self) -> None:
-        """Search, then refine each frame against the reference alone; search anew where a guess was wrong."""
-        self.parameters = self._searched(self.guided)
+    def align(self) -> None:
+        """Place all frames; reject those that do not fit.
+
+        A guess that no search improves is refined at once; only where a frame then does not fit is each
+        aligned with the reference first.
+        """
+        found = self._searched(self.guided)
+        trusted = self.guided and bool((found == self.guess).all())
+        if not trusted:
+            self._align_with_reference(found)
+        for _ in range(3):  # rejecting a frame changes the mosaic, so the rest is refined again
+            equations = self._align_together()
+            misfits = self._misfits(equations)
+            if not misfits:
+                return
+            if trusted:
+                trusted = False
+                self._align_with_reference(found)
+            else:
+                self._reject(misfits)
+
+    def _align_with_reference(self, start: Float) -> None:
+        """Refine each frame against the reference alone; search anew where a guess was wrong."""
+        self.parameters = start
         equations = self._refine_pairwise()
         misfits = self._misfits(equations)
         if self.guided and misfits:
@@ -83,40 +104,19 @@ class Alignment:
             misfits = {k: why for k, why in misfits.items() if not better[k]}
         self._reject(misfits)
 
-    def align_together(self) -> None:
-        """Refine all frames against their common mosaic, coarse to fine; reject what still does not fit."""
-        for _ in range(3):  # rejecting a frame changes the mosaic, so the rest is refined again
-            blocks, coarser = None, None
-            if len(self.levels) > 1:
-                points = self._points(self.levels[1])
-                coarser = self._refine_jointly(points)
-                blocks = steep_blocks(coarser, points, self._place(points)) & self.active[:, None, None]
-            points = self._points(self.levels[0], blocks)
-            equations = self._refine_staggered(points, coarser)
-            misfits = self._misfits(equations)
-            if not misfits:
-                return
-            self._reject(misfits)
+    def _align_together(self) -> Equations:
+        """Refine all frames against their common mosaic, coarse to fine, where the coarser one is steep."""
+        blocks, coarser = None, None
+        for samples in self.levels[:0:-1]:
+            points = self._points(samples, blocks)
+            coarser = self._refine_jointly(points, coarser)
+            within = self.active[:, None, None] if blocks is None else finer_blocks(blocks, samples.shape)
+            blocks = steep_blocks(coarser, points, self._place(points)) & within
+        return self._refine_staggered(self._points(self.levels[0], blocks), coarser)
 
     def _searched(self, guided: bool) -> Float:
-        coarse = self.levels[-1]
-        height, width = coarse.shape
-        shape = self.levels[0].shape
-        turn = self.motion if isinstance(self.motion, Turn) else None
-        if turn is None:
-            centre = self.guess[:, :2]
-        else:
-            centre = rotations_to_shifts(self.guess, shape, turn.intrinsics, turn.lens)
-        if not guided:
-            centre = np.zeros_like(centre)
-        radius = (1, 1) if guided else (max(1, height // 4), max(1, width // 4))
-        found = search_shifts(coarse, self.reference, centre, radius)
-        if turn is None:
-            return np.column_stack([found, np.zeros(self.count)])
-        moved = (found != centre).any(axis=1)
-        start = self.guess.copy()
-        start[moved] = shifts_to_rotations(found[moved], shape, turn.intrinsics, turn.lens)
-        return start
+        coarse, shape = self.levels[-1], self.levels[0].shape
+        return find_start(coarse, shape, self.reference, self.guess, self.motion, guided)
 
     def _refine_pairwise(self) -> Equations:
         """Against the reference alone, on the coarsest level."""
@@ -132,12 +132,22 @@ class Alignment:
         own = points.frame(self.reference)
         place = self.motion.place(own, np.zeros((1, 3)))
         grid = Grid.over(place, own.shape, density=1.0)
-        return build_mosaic(own, place, grid, smoothing=0.3, sweeps=8)
+        sums = Sums(grid, own.values.shape[1])
+        sums.add(own, place)
+        return sums.solve(smoothing=0.3, sweeps=8)
 
-    def _refine_jointly(self, points: Points) -> Mosaic:
-        """One step against the mosaic of all frames; for coarse levels."""
+    def _refine_jointly(self, points: Points, coarser: Mosaic | None) -> Mosaic:
+        """Against the mosaic of all frames, until the finer level can go on."""
         place = self._place(points)
-        mosaic, _, _ = self._joint_step(points, place, Grid.over(place, points.shape, DENSITY), None)
+        grid = Grid.over(place, points.shape, DENSITY)
+        start = None if coarser is None else resampled(coarser, grid, factor=0.5)
+        sums = Sums(grid, points.values.shape[1])
+        for _ in range(COARSE):
+            mosaic, _, moved = self._joint_step(points, place, sums, start)
+            if moved < ENOUGH:
+                break
+            place, start = self._place(points), mosaic.values
+            sums.clear(grid)
         return mosaic
 
     def _refine_staggered(self, points: Points, coarser: Mosaic | None) -> Equations:
@@ -149,20 +159,23 @@ class Alignment:
         place = self._place(points)
         grid = Grid.over(place, points.shape, DENSITY)
         start = None if coarser is None else resampled(coarser, grid, factor=0.5)
+        sums = Sums(grid, points.values.shape[1])
         for step in range(FINE):
             before = self.parameters
-            mosaic, equations, moved = self._joint_step(points, place, grid, start)
+            mosaic, equations, moved = self._joint_step(points, place, sums, start)
             if step > 0 and moved < STEP:
                 break
             place, grid = self._place(points), grid.staggered(step)
             start = resampled(mosaic, grid, factor=1.0)
+            sums.clear(grid)
         self.parameters = (before + self.parameters) / 2
         return equations
 
     def _joint_step(
-        self, points: Points, place: Place, grid: Grid, start: Image | None
+        self, points: Points, place: Place, sums: Sums, start: Image | None
     ) -> tuple[Mosaic, Equations, float]:
-        mosaic = build_mosaic(points, place, grid, smoothing=SMOOTHING, sweeps=SWEEPS, start=start)
+        sums.add(points, place)
+        mosaic = sums.solve(smoothing=SMOOTHING, sweeps=SWEEPS, start=start)
         equations = self._equations(points, place, mosaic, POSITION_ERROR)
         return mosaic, equations, self._step(equations, hold_reference=False)
 

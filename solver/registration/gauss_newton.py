@@ -6,7 +6,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.registration.mosaic import STEEP, UNSEEN, Mosaic, Place
+from solver.registration.mosaic import STEEP, UNSEEN, WITHIN, Mosaic, Place
 from solver.registration.motion import Motion
 from solver.registration.points import Points
 
@@ -73,11 +73,7 @@ def normal_equations(
 
 
 def _symmetric(upper: Float) -> Float:
-    matrix = np.empty((len(upper), 3, 3))
-    row, column = np.triu_indices(3)
-    matrix[:, row, column] = upper
-    matrix[:, column, row] = upper
-    return matrix
+    return upper[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
 
 
 @numba.njit(cache=True)
@@ -124,7 +120,7 @@ def _interpolate(values, weights, row, column, U, kind, grid, terms, counts):  #
         r, c = (row[s] - top) * scale, (column[s] - left) * scale
         if not (r >= 1.0 and c >= 1.0 and r < rows - 2 and c < columns - 2):
             continue
-        m, n = int(r), int(c)
+        m, n = int(r) & WITHIN, int(c) & WITHIN
         what = kind[m, n]
         counts[0] += what != UNSEEN
         if what != STEEP:

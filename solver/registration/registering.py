@@ -9,7 +9,7 @@ from solver.errors import FusionInputError
 from solver.geometry import rotations_to_shifts, shifts_to_rotations
 from solver.registration.alignment import Alignment
 from solver.registration.motion import Motion, Shift, Turn
-from solver.registration.samples import Source, make_samples, pyramid
+from solver.registration.samples import Source, pyramid, scaling
 
 Float = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ def register(
     if count == 1:
         return _result(np.zeros((1, 3)), np.zeros((1, 3, 3)), {}, motion, shape, reference)
     work = Alignment(
-        pyramid(make_samples(images, light, ambiguity_range, source)),
+        pyramid(scaling(images, light, ambiguity_range, source)(images, light)),
         motion,
         reference,
         guess,
@@ -82,8 +82,7 @@ def register(
         {},
     )
     work.drop_empty()
-    work.align_with_reference()
-    work.align_together()
+    work.align()
     return _result(work.parameters, work.covariance, work.rejected, motion, shape, reference)
 
 

@@ -1,6 +1,8 @@
 """The frames as samples with weights, at full and at pooled resolution."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numba
@@ -12,7 +14,12 @@ from solver.errors import FusionInputError
 Image = NDArray[np.float32]
 Source = Literal["auto", "distance", "amplitude", "both"]
 
+Mask = NDArray[np.bool_]
+Channels = Callable[[Image, Image | None], tuple[Image, Mask, Image]]
+"""Frames to values (C, N, H, W), which of them are known, and their deviation relative to each other."""
+
 SMALLEST = 20  # pixels of the shorter side under which pooling leaves nothing to align
+PLENTY = 5000  # values for medians, which then are within two hundredths
 FLOOR = 0.004  # of the scene's range: the mosaic itself is no better than that beside edges
 
 
@@ -29,6 +36,14 @@ class Samples:
         """Rows and columns."""
         return self.weights.shape[1], self.weights.shape[2]
 
+    def joined(self, other: "Samples") -> "Samples":
+        """The frames of both, of the same level."""
+        return Samples(
+            np.concatenate([self.values, other.values], axis=1),
+            np.concatenate([self.weights, other.weights]),
+            self.level,
+        )
+
     def pooled(self) -> "Samples":
         """Weighted 2 × 2 means; an odd last row or column is left out."""
         channels, count, height, width = self.values.shape
@@ -36,6 +51,9 @@ class Samples:
         total = np.empty(mean.shape[1:], np.float32)
         _pool(self.values, self.weights, mean, total)
         return Samples(mean, total, self.level + 1)
+
+
+Scaling = Callable[[Image, Image | None], Samples]
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
@@ -67,10 +85,12 @@ def pyramid(samples: Samples) -> list[Samples]:
     return levels
 
 
-def make_samples(
-    distance: Image, amplitude: Image | None, ambiguity_range: float | None, source: Source
-) -> Samples:
-    """Channels that average linearly over a pixel's footprint, and their weights.
+def scaling(
+    distance: Image, amplitude: Image | None, ambiguity_range: float | None, source: Source = "auto"
+) -> Scaling:
+    """What turns frames (distance, amplitude or None) into samples, scaled for these and alike for others.
+
+    Channels average linearly over a pixel's footprint:
 
     - `distance`: the distance, weighted by the noise law σ = c / amplitude where amplitude is given.
     - `amplitude`: the amplitude.
@@ -82,39 +102,46 @@ def make_samples(
     Raises:
         FusionInputError: a source that needs amplitude, without amplitude.
     """
-    valid = np.isfinite(distance)
+    channels: Channels
     if source == "distance" or (source == "auto" and amplitude is None):
-        return _distance_samples(distance, amplitude, valid)
-    if amplitude is None:
+        channels = _distance_channels(distance, amplitude)
+    elif amplitude is None:
         raise FusionInputError(f"registration from {source!r} needs amplitude; give it, or use 'distance'")
-    valid &= np.isfinite(amplitude)
-    if source != "amplitude" and ambiguity_range is not None:
-        return _phasors(distance, amplitude, valid, 2 * np.pi / ambiguity_range)
-    light = np.where(valid, amplitude, 0)
-    if source == "amplitude":
-        return _weighted(light[None], valid, np.ones_like(light))
-    middle = float(np.median(distance[valid])) if valid.any() else 0.0
-    return _both_without_range(light, np.where(valid, distance - middle, 0), valid)
+    elif source == "amplitude":
+        channels = _amplitude
+    elif ambiguity_range is None:
+        channels = _moment_channels(distance, amplitude)
+    else:
+        return _phasor_scaling(distance, amplitude, ambiguity_range)
+    return partial(_weighted, channels, _Statistics.of(*channels(distance, amplitude)))
 
 
-def _phasors(distance: Image, amplitude: Image, valid: NDArray[np.bool_], turn: float) -> Samples:
+def _phasor_scaling(distance: Image, amplitude: Image, ambiguity_range: float) -> Scaling:
+    part = _some(distance.shape)
+    if not np.isfinite(distance[part] + amplitude[part]).any():
+        part = slice(None), slice(None)
+    known = np.isfinite(distance[part] + amplitude[part])
+    light = np.where(known, amplitude[part], 0)
+    angle = np.where(known, distance[part], 0) * np.float32(2 * np.pi / ambiguity_range)
+    phasors = np.stack([light * np.cos(angle), light * np.sin(angle)])
+    some = _Statistics.of(phasors, known, np.ones_like(light))
+    if some is None:
+        return partial(_phasors, np.float32(0), np.zeros(2, np.float32), np.float32(0))
+    scale = 1 / np.sqrt(some.noise + (FLOOR * some.spread) ** 2 + 1e-30)
+    return partial(_phasors, np.float32(1 / ambiguity_range), some.middle, np.float32(scale))
+
+
+def _phasors(
+    rate: np.float32, middle: Image, factor: np.float32, distance: Image, amplitude: Image | None
+) -> Samples:
     """Scaled and written in one pass: a burst's temporaries would cost more than the arithmetic."""
-    rows = _some_rows(distance.shape[1]) if valid[:, _some_rows(distance.shape[1])].any() else slice(None)
-    known = valid[:, rows]
-    light = np.where(known, amplitude[:, rows], 0)
-    angle = np.where(known, distance[:, rows], 0) * np.float32(turn)
-    part = np.stack([light * np.cos(angle), light * np.sin(angle)])
-    some = _Statistics.of(part, known, np.ones_like(light))
-    values = np.zeros((2, *distance.shape), np.float32)
-    if some is not None:
-        scale = 1 / np.sqrt(some.noise + (FLOOR * some.spread) ** 2 + 1e-30)
-        rate = np.float32(turn / (2 * np.pi))
-        _write_phasors(distance, amplitude, valid, rate, some.middle, np.float32(scale), values)
-    return Samples(values, valid.astype(np.float32), 0)
+    values, weights = np.empty((2, *distance.shape), np.float32), np.empty(distance.shape, np.float32)
+    _write_phasors(distance, amplitude, rate, middle, factor, values, weights)
+    return Samples(values, weights, 0)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _write_phasors(distance, amplitude, valid, rate, middle, factor, values):  # type: ignore[no-untyped-def]
+def _write_phasors(distance, amplitude, rate, middle, factor, values, weights):  # type: ignore[no-untyped-def]
     """Written out so that it is vectorised: sine and cosine of half the angle, by their Taylor series."""
     count, height, width = distance.shape
     zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
@@ -124,7 +151,7 @@ def _write_phasors(distance, amplitude, valid, rate, middle, factor, values):  #
     c6, c8, c10 = np.float32(-1 / 720), np.float32(1 / 40320), np.float32(-1 / 3628800)
     for k in range(count):
         for i in range(height):
-            d, light, used = distance[k, i], amplitude[k, i], valid[k, i]
+            d, light, weight = distance[k, i], amplitude[k, i], weights[k, i]
             real, imaginary = values[0, k, i], values[1, k, i]
             for j in range(width):
                 turns = d[j] * rate
@@ -134,34 +161,61 @@ def _write_phasors(distance, amplitude, valid, rate, middle, factor, values):  #
                 cosine = one + q * (c2 + q * (c4 + q * (c6 + q * (c8 + q * c10))))
                 x = (light[j] * (one - two * sine * sine) - middle[0]) * factor
                 y = (light[j] * (two * sine * cosine) - middle[1]) * factor
-                real[j] = x if used[j] else zero
-                imaginary[j] = y if used[j] else zero
+                known = x - x == zero  # neither NaN nor infinite
+                real[j] = x if known else zero
+                imaginary[j] = y if known else zero
+                weight[j] = one if known else zero
 
 
-def _both_without_range(light: Image, offset: Image, valid: NDArray[np.bool_]) -> Samples:
-    moment, even = light * offset, np.ones_like(light)
+def _amplitude(distance: Image, amplitude: Image | None) -> tuple[Image, Mask, Image]:
+    assert amplitude is not None
+    valid = np.isfinite(distance) & np.isfinite(amplitude)
+    light = np.where(valid, amplitude, 0)
+    return light[None], valid, np.ones_like(light)
+
+
+def _moment_channels(distance: Image, amplitude: Image) -> Channels:
+    valid = np.isfinite(distance) & np.isfinite(amplitude)
+    middle = np.float32(np.median(distance[valid]) if valid.any() else 0)
     scales = []
     # The moment is brought to the amplitude's noise, or to its range where there is no noise.
-    for image in (light, moment):
-        some = _Statistics.of(image[None], valid, even)
+    for image in _moments(middle, np.float32(1), distance, amplitude)[0]:
+        some = _Statistics.of(image[None], valid, np.ones_like(image))
         scales.append(0.0 if some is None else np.sqrt(some.noise) + FLOOR * some.spread)
-    moment *= np.float32(scales[0] / scales[1]) if scales[1] > 0 else np.float32(0)
-    return _weighted(np.stack([light, moment]), valid, even)
+    return partial(_moments, middle, np.float32(scales[0] / scales[1] if scales[1] > 0 else 0))
 
 
-def _distance_samples(distance: Image, amplitude: Image | None, valid: NDArray[np.bool_]) -> Samples:
+def _moments(
+    middle: np.float32, factor: np.float32, distance: Image, amplitude: Image | None
+) -> tuple[Image, Mask, Image]:
+    image, valid, even = _amplitude(distance, amplitude)
+    moment = image[0] * np.where(valid, distance - middle, 0) * factor
+    return np.stack([image[0], moment]), valid, even
+
+
+def _distance_channels(distance: Image, amplitude: Image | None) -> Channels:
+    typical = 1.0
+    if amplitude is not None:
+        lit = np.isfinite(distance) & np.isfinite(amplitude) & (amplitude > 0)
+        typical = float(np.median(amplitude[lit])) if lit.any() else 1.0
+    return partial(_distances, np.float32(typical))
+
+
+def _distances(typical: np.float32, distance: Image, amplitude: Image | None) -> tuple[Image, Mask, Image]:
+    valid = np.isfinite(distance)
     values = np.where(valid, distance, 0).astype(np.float32)
     relative = np.ones_like(values)
     if amplitude is not None:
-        valid = valid & np.isfinite(amplitude) & (amplitude > 0)
-        typical = float(np.median(amplitude[valid])) if valid.any() else 1.0
+        valid &= np.isfinite(amplitude) & (amplitude > 0)
         relative = typical / np.where(valid, amplitude, typical).astype(np.float32)
-    return _weighted(values[None], valid, relative)
+    return values[None], valid, relative
 
 
-def _weighted(values: Image, valid: NDArray[np.bool_], relative: Image) -> Samples:
+def _weighted(
+    channels: Channels, some: "_Statistics | None", distance: Image, amplitude: Image | None
+) -> Samples:
     """Samples with σ ∝ `relative`, scaled to a typical weight of one: the unit of the values drops out."""
-    some = _Statistics.of(values, valid, relative)
+    values, valid, relative = channels(distance, amplitude)
     if some is None:
         return Samples(np.zeros_like(values), np.zeros_like(relative), 0)
     variance = some.noise * relative * relative + np.float32((FLOOR * some.spread) ** 2 + 1e-30)
@@ -171,13 +225,15 @@ def _weighted(values: Image, valid: NDArray[np.bool_], relative: Image) -> Sampl
     return Samples(scaled, weights, 0)
 
 
-def _some_rows(height: int) -> slice:
-    return slice(None, None, max(1, height // 8))
+def _some(shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """Frames and rows of (N, H, W) that are looked at."""
+    count, height, width = shape
+    return slice(None, None, max(1, 8 * count * width // PLENTY)), slice(None, None, max(1, height // 8))
 
 
 @dataclass(frozen=True, slots=True)
 class _Statistics:
-    """Of about eight rows of every frame, which is plenty: noise c² in σ = c · relative, range, medians."""
+    """Of about eight rows of some frames: noise c² in σ = c · relative, range, medians."""
 
     noise: float
     spread: float
@@ -185,9 +241,9 @@ class _Statistics:
     relative: float
 
     @classmethod
-    def of(cls, values: Image, valid: NDArray[np.bool_], relative: Image) -> "_Statistics | None":
-        rows = _some_rows(values.shape[2])
-        kept, some, factor = values[:, :, rows], valid[:, rows], relative[:, rows]
+    def of(cls, values: Image, valid: Mask, relative: Image) -> "_Statistics | None":
+        part = _some(valid.shape)
+        kept, some, factor = values[:, *part], valid[part], relative[part]
         if not some.any():
             kept, some, factor = values, valid, relative
         if not some.any():
@@ -200,7 +256,7 @@ class _Statistics:
         )
 
 
-def _noise(values: Image, valid: NDArray[np.bool_], relative: Image) -> float:
+def _noise(values: Image, valid: Mask, relative: Image) -> float:
     """c² from second differences along rows: they vanish on slopes, and their median ignores edges."""
     usable = valid[..., :-2] & valid[..., 1:-1] & valid[..., 2:]
     if values.shape[-1] < 3 or not usable.any():

@@ -4,6 +4,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.geometry import rotations_to_shifts, shifts_to_rotations
+from solver.registration.motion import Motion, Turn
 from solver.registration.samples import Samples
 
 # Deviations at which a difference counts half, so that occlusion edges do not decide. Pooled weights are
@@ -11,30 +13,66 @@ from solver.registration.samples import Samples
 HALF = 30.0
 LARGE = 32  # pixels of the shorter side from which a coarser search comes first
 UNUSED = np.float32(1e32)
+BETTER = 0.8  # times a guess's difference; within a coarse pixel aliasing changes it by up to a tenth
 LEAST_OVERLAP = 0.4  # of the frame's used pixels
 
 
+def find_start(
+    coarse: Samples,
+    shape: tuple[int, int],
+    reference: int,
+    guess: NDArray[np.float64],
+    motion: Motion,
+    guided: bool,
+) -> NDArray[np.float64]:
+    """Parameters (N, 3) of the motion: the guess, or where a frame agrees clearly better with the reference.
+
+    Args:
+        coarse: the coarsest level of the frames.
+        shape: rows and columns at full resolution.
+        guided: look next to the guess instead of up to a quarter of the image away.
+    """
+    height, width = coarse.shape
+    turn = motion if isinstance(motion, Turn) else None
+    centre = guess[:, :2] if turn is None else rotations_to_shifts(guess, shape, turn.intrinsics, turn.lens)
+    if guided:
+        found = search_shifts(coarse, reference, centre, (1, 1), BETTER)
+    else:
+        centre = np.zeros_like(centre)
+        found = search_shifts(coarse, reference, centre, (max(1, height // 4), max(1, width // 4)))
+    if turn is None:
+        return np.column_stack([found, np.zeros(len(guess))])
+    moved = (found != centre).any(axis=1)
+    start = guess.copy()
+    start[moved] = shifts_to_rotations(found[moved], shape, turn.intrinsics, turn.lens)
+    return start
+
+
 def search_shifts(
-    samples: Samples, reference: int, centre: NDArray[np.float64], radius: tuple[int, int]
+    samples: Samples,
+    reference: int,
+    centre: NDArray[np.float64],
+    radius: tuple[int, int],
+    better: float = 1.0,
 ) -> NDArray[np.float64]:
     """Displacement (N, 2) of each frame from the reference, in full-resolution pixels.
 
     Tries every whole-pixel displacement of the level within `radius` of `centre` (N, 2, full-resolution
     pixels) and takes the least mean saturating difference over the overlap; of equals the one nearest to the
-    centre.
+    centre. Another than the centre must have less than `better` times its difference.
     """
     if min(samples.shape) >= LARGE and max(radius) > 1:
         coarse = search_shifts(samples.pooled(), reference, centre, (radius[0] // 2, radius[1] // 2))
         return search_shifts(samples, reference, coarse, (1, 1))
     factor = 2**samples.level
     middle = np.rint(centre / factor).astype(np.int64)
-    best = _search(samples.values, samples.weights, reference, middle, radius[0], radius[1])
+    best = _search(samples.values, samples.weights, reference, middle, radius[0], radius[1], better)
     moved = best != 0
     return np.where(moved, (middle + best) * factor, centre).astype(np.float64)
 
 
 @numba.njit(cache=True)
-def _search(values, weights, reference, middle, rows, columns):  # type: ignore[no-untyped-def]
+def _search(values, weights, reference, middle, rows, columns, better):  # type: ignore[no-untyped-def]
     count, height = weights.shape[:2]
     found = np.zeros((count, 2), dtype=np.int64)
     stride = 1 if height < 32 else 2  # every second row is plenty
@@ -54,6 +92,8 @@ def _search(values, weights, reference, middle, rows, columns):  # type: ignore[
                     continue
                 # A thousandth a pixel settles ties, as in a featureless scene.
                 mean = cost / seen + 0.001 * np.sqrt(float(a * a + b * b))
+                if a == 0 and b == 0:
+                    mean *= better
                 if mean < lowest:
                     lowest = mean
                     found[k, 0], found[k, 1] = a, b

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from solver import FusionInputError, FusionOptions, SlidingFusion, fuse
+from solver import FusionInputError, FusionOptions, RegistrationError, SlidingFusion, fuse
+from solver.evaluation import DepthMap, make_trial, procedural_object
 
 ROWS, COLUMNS = 20, 24
 SHIFTS = np.array([[0, 0], [0.25, 0.5], [-0.5, 0.25], [0.5, -0.25], [-0.25, -0.4], [0.1, 0.6]])
@@ -106,3 +107,22 @@ def test_refuses(arguments: dict[str, object], words: str) -> None:
 def test_refuses_a_window_without_frames() -> None:
     with pytest.raises(FusionInputError, match="window"):
         SlidingFusion(window=0)
+
+
+def test_a_stream_without_guesses_follows_the_frames_and_does_not_drift() -> None:
+    trial = make_trial(DepthMap(procedural_object(), oversampling=2), variance=0.7, seed=2)
+    sliding = SlidingFusion(FusionOptions(method="shift-and-add"), window=10)
+    for _ in range(4):
+        fused = [sliding.push(frame) for frame in trial.distance]
+    assert np.sqrt(np.mean((fused[-1].shifts - trial.shifts) ** 2)) < 0.03
+
+
+def test_a_frame_that_fits_none_leaves_a_stream_as_it_was() -> None:
+    trial = make_trial(DepthMap(procedural_object(), oversampling=2), variance=0.7, seed=2)
+    sliding = SlidingFusion(FusionOptions(method="shift-and-add"), window=10)
+    for frame in trial.distance[:8]:
+        sliding.push(frame)
+    with pytest.raises(RegistrationError, match="frame 8 does not fit"):
+        sliding.push(trial.distance[8, ::-1])
+    fused = sliding.push(trial.distance[8])
+    assert np.abs(fused.shifts[-1] - trial.shifts[8]).max() < 0.05
