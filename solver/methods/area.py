@@ -29,14 +29,17 @@ _SMOOTH = 0.01
 """Of the scene's range, the least relief: a scene without edges is not smoothed without bounds."""
 
 _PASSES, _GAIN, _EPSILON, _EDGE = 2, 2.5, 0.12, 0.025
-"""Reweighting; ε and edge in units of the scene's range. Measured: a third pass is worth nothing, one alone
-costs 2 to 5 % of the errors; a larger gain or ε is better for even surfaces, a smaller one for fine parts."""
+"""Reweighting; ε and edge in units of the scene's range. Measured over five bursts each of two depth maps and
+two recordings: one weighted pass has a tenth more squared error at moderate noise and 5 % more mean absolute
+error on the recordings, a third one gains and loses 2 %."""
 
 _TIE, _ACROSS = 0.1, 0.055
-"""Ties: the ‖∇X − s‖ at which the prior is as stiff, and δ, in units of the scene's range. @@"""
+"""Ties: the ‖∇X − s‖ at which the prior is as stiff, and δ, in units of the scene's range. Without ties the
+squared error is 1.6 to 2.3 times as large. Twice as stiff costs a tenth of it, half as stiff 1 to 9 %."""
 
-_SETTLED = 0.05
-"""Tolerance of the passes before the last: their maps are averaged over, so a tighter one gains nothing."""
+_SETTLED = 0.03
+"""Tolerance of the passes before the last: 0.01 changes errors by 2 % and takes more iterations, with 0.05 a
+stream depends more on where it starts."""
 
 _MOST = 4.0
 """Weight of the brightest samples: mixing at edges, not noise, is what still brighter ones are wrong by."""
