@@ -38,8 +38,8 @@ _TIE, _ACROSS = 0.1, 0.055
 squared error is 1.6 to 2.3 times as large. Twice as stiff costs a tenth of it, half as stiff 1 to 9 %."""
 
 _SETTLED = 0.02
-"""Tolerance of the passes before the last: 0.05 and 0.01 give the same errors to 2 %, in a tenth fewer and more
-iterations."""
+"""Tolerance of the passes before the last: 0.05 and 0.01 give the same errors to 2 %, in up to a tenth fewer
+and a fifth more iterations."""
 
 _MOST = 4.0
 """Weight of the brightest samples: mixing at edges, not noise, is what still brighter ones are wrong by."""
