@@ -16,7 +16,7 @@ from solver.kernels import deviation as kernels
 from solver.kernels import sparse
 from solver.problem import Problem, Solution
 
-_LEVEL, _SLOPED = (0.33, 0.14, 0.21), {"area": (0.20, 0.04, 0.03), "phasor": (0.17, 0.03, 0.08)}
+_LEVEL, _SLOPED = (0.33, 0.14, 0.21), {"area": (0.18, 0.03, 0.03), "phasor": (0.17, 0.03, 0.08)}
 """Floor, share of σ / λ, and b: for a prior of first order, and by method for one that lets ramps pass."""
 
 _SINGLE = ("nearest", "bicubic")

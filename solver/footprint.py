@@ -114,9 +114,25 @@ class AreaTerm:
         return float(self._sums(x)[:, 3].sum())
 
     def certify(self, state: State, dual: NDArray[np.floating], prior: Prior) -> tuple[float, float]:
-        total, data, fit, square, rest = self._sums(state.x).T
         pull = np.zeros_like(state.x)
         self.gradient(state.x, pull)
+        return self.bound(state, dual, prior, pull, np.zeros(2))
+
+    def bound(
+        self,
+        state: State,
+        dual: NDArray[np.floating],
+        prior: Prior,
+        pull: NDArray[np.floating],
+        more: NDArray[np.float64],
+    ) -> tuple[float, float]:
+        """`certify` for this term and more squares Σ ω (z − G x)², G of differences.
+
+        Args:
+            pull: the gradient of all of them at the map.
+            more: (2,) Σ ω (z − G x)² and Σ ω (z² − (G x)²).
+        """
+        total, data, fit, square, rest = self._sums(state.x).T
         # Moving the map by a constant makes the residuals' sum 0, as it is at the optimum.
         offset = (data - fit) / total
         excess = slope(dual, prior.weights)
@@ -125,10 +141,10 @@ class AreaTerm:
             channel -= channel.dtype.type(total_excess / channel.size)
         most, lift = shrinkage(dual, state.radius, prior.weights, excess, state.slope)
         # r = 2 Ω (y − A X) has Σ r y = Σ Ω (y − A X)² + Σ Ω (y² − (A X)²), Σ r² / (4 Ω) = Σ Ω (y − A X)².
-        moved = float((square - offset**2 * total).sum())
-        linear = moved + float((rest - 2 * offset * fit - offset**2 * total).sum()) + lift
+        moved = float((square - offset**2 * total).sum() + more[0])
+        linear = moved + float((rest - 2 * offset * fit - offset**2 * total).sum() + more[1]) + lift
         best = min(most, linear / (2 * moved)) if moved > 0 else most
-        return float(square.sum()), best * linear - best**2 * moved
+        return float(square.sum() + more[0]), best * linear - best**2 * moved
 
     def _sums(self, x: NDArray[np.floating]) -> NDArray[np.float64]:
         """(C, 5), see `kernels.residuals`."""

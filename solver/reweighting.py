@@ -1,15 +1,20 @@
 """Reweighted passes: the prior learns edges and slopes from the map of the pass before.
 
-λ ‖∇X‖ is replaced by gain · λ ‖∇X − s‖ / (1 + ‖∇X − s‖ / ε) pixel by pixel, s the slope (see `solver.slope`).
-The weight approaches a sum of log(1 + ‖∇X − s‖ / ε): smooth parts are smoothed more, edges keep their height;
-the slope keeps ramps from becoming stairs. Source: Candès, Wakin, Boyd, "Enhancing sparsity by
-reweighted ℓ1 minimization", J. Fourier Anal. Appl. 2008. Each pass is convex, the whole is not: objective,
-gap and stopping rule are those of the last pass.
+λ ‖∇X‖ is replaced by gain · λ · ρ ‖∇X − s‖ pixel by pixel, s the slope (see `solver.slope`) and
+
+    ρ = 1 / (1 + (‖∇X − s‖ / ε)²)
+
+of the map of the pass before, averaged over the nearest pixels. Smooth parts are smoothed more, edges keep
+their height; the slope keeps ramps from becoming stairs; and ties keep along edges what the weights give away
+there (see `solver.ties`). Source: Candès, Wakin, Boyd, "Enhancing sparsity by reweighted ℓ1 minimization",
+J. Fourier Anal. Appl. 2008; the square and the average are measured, and gain with ties only. Each pass is
+convex, the whole is not: objective, gap and stopping rule are those of the last pass.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +23,10 @@ from solver.options import FusionOptions
 from solver.prior import Prior, level
 from solver.result import Progress
 from solver.slope import slope
+from solver.ties import Ties
+
+_AROUND = 0.7
+"""Deviation of the Gaussian that averages ‖∇X − s‖, fused pixels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,17 +34,22 @@ class Reweighting:
     """How often, how strongly, and at which gradient.
 
     Attributes:
+        tied: makes the data term with ties.
         passes: passes after the first one, which is not weighted.
         gain: factor on λ where the map is flat.
-        epsilon: ‖∇X − s‖ at which λ is halved, in units of λ.
+        epsilon: ‖∇X − s‖ at which ρ is a half, in units of λ.
         edge: ‖∇X‖ from which a pixel has no say in the slope, in units of λ.
+        tie, across: strength and δ of the ties, see `solver.ties`, in units of λ.
         tolerance: of all passes but the last, which only have to find the edges.
     """
 
-    passes: int = 0
-    gain: float = 1.0
-    epsilon: float = 1.0
-    edge: float = 1.0
+    tied: Callable[[Ties], Term]
+    passes: int
+    gain: float
+    epsilon: float
+    edge: float
+    tie: float
+    across: float
     tolerance: float = 1e-2
 
 
@@ -73,7 +87,7 @@ def minimise_reweighted(
     term: Term,
     prior: Prior,
     first: Callable[[], NDArray[np.floating]],
-    plan: Reweighting,
+    plan: Reweighting | None,
     *,
     unit: Unit,
     options: FusionOptions,
@@ -82,20 +96,21 @@ def minimise_reweighted(
 ) -> tuple[Outcome, Trail]:
     """Run all passes; `max_iterations` bounds them together, one iteration each at least.
 
-    It starts from the map `first()`, (C, rows, columns) in units of λ, or from the `trail` of a run before,
-    whose outcome is not certified: its gap is NaN.
+    Without a plan there is one pass, not weighted. It starts from the map `first()`, (C, rows, columns) in
+    units of λ, or from the `trail` of a run before, whose outcome is not certified: its gap is NaN.
     """
     state = start(first()) if trail is None else _resumed(trail, 0, unit)
     done, ends = 0, []
-    for turn in range(plan.passes + 1):
-        last = turn == plan.passes
+    passes, early = (0, 0.0) if plan is None else (plan.passes, plan.tolerance)
+    for turn in range(passes + 1):
+        last = turn == passes
         if turn and trail is not None:
             state = replace(_resumed(trail, turn, unit), radius=state.radius, slope=state.slope)
         outcome = minimise(
             term,
             prior,
             state,
-            tolerance=options.tolerance if last else max(options.tolerance, plan.tolerance),
+            tolerance=options.tolerance if last else max(options.tolerance, early),
             limit=max(1, options.max_iterations - done),
             scale=unit.scale**2,
             progress=progress,
@@ -103,12 +118,22 @@ def minimise_reweighted(
         )
         done += outcome.iterations
         ends.append((unit.outward(state.x), state.epsilon))
-        if not last:
-            state.slope = slope(state.x, plan.edge)
-            state.radius[...] = plan.gain / (1 + prior.norms(state.x, state.slope) / plan.epsilon)
-            state.epsilon = 0.0
+        if plan is not None and not last:
+            term = _learn(prior, state, plan)
     maps, epsilons = zip(*ends, strict=True)
     return replace(outcome, iterations=done), Trail(maps, epsilons)
+
+
+def _learn(prior: Prior, state: State, plan: Reweighting) -> Term:
+    """Give the state the next pass's weights and slope, and the data term ties along the edges."""
+    kind = state.x.dtype.type
+    state.slope = slope(state.x, plan.edge)
+    rough = cv2.GaussianBlur(prior.norms(state.x, state.slope), (0, 0), _AROUND)
+    kept = 1 / (1 + (rough * kind(1 / plan.epsilon)) ** 2)
+    ties = Ties.along_edges(state.x, state.slope, prior, 1 - kept, plan.tie, plan.across)
+    state.radius[...] = kind(plan.gain) * kept
+    state.epsilon, state.fit = 0.0, None
+    return plan.tied(ties)
 
 
 def _resumed(trail: Trail, turn: int, unit: Unit) -> State:

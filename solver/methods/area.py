@@ -3,8 +3,10 @@
     E(X) = Σ_k ‖Ω_k^½ (y_k − A_k X)‖² + λ Σ ‖∇X‖₂
 
 Ω weighs samples by their noise, relative to the median's, so that λ stays in units of distance. E is solved
-once; a second pass knows its edges and slopes (see `solver.reweighting`).
+once; two more passes know its edges and slopes (see `solver.reweighting`).
 """
+
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +17,10 @@ from solver.prior import Prior
 from solver.problem import Problem, Solution
 from solver.result import Progress
 from solver.reweighting import Reweighting, Unit, minimise_reweighted
+from solver.ties import Tied
 
-_NOISE, _CLEAN = 9.0, 0.0006
-"""λ = σ √(σ / (9 · relief)), and at least 0.0006 of the scene's range for noise-free frames. The power
+_NOISE, _CLEAN = 15.0, 0.0006
+"""λ = σ √(σ / (15 · relief)), and at least 0.0006 of the scene's range for noise-free frames. The power
 3/2 is measured; it lies between the σ of a discrepancy rule and the σ² of a Laplacian prior. So is the
 relief (see `solver.noise`): the scene's range in its place costs a detailed object an eighth of its squared
 error, or the recorded scenes 6 % of their mean absolute error."""
@@ -25,8 +28,18 @@ error, or the recorded scenes 6 % of their mean absolute error."""
 _SMOOTH = 0.01
 """Of the scene's range, the least relief: a scene without edges is not smoothed without bounds."""
 
-_PASSES, _GAIN, _EPSILON, _EDGE = 1, 2.5, 0.16, 0.016
-"""Reweighting; ε and edge in units of the scene's range."""
+_PASSES, _GAIN, _EPSILON, _EDGE = 2, 2.5, 0.12, 0.025
+"""Reweighting; ε and edge in units of the scene's range. Measured over five bursts each of two depth maps and
+two recordings: one weighted pass has a tenth more squared error at moderate noise and 5 % more mean absolute
+error on the recordings, a third one gains and loses 2 %."""
+
+_TIE, _ACROSS = 0.1, 0.055
+"""Ties: the ‖∇X − s‖ at which the prior is as stiff, and δ, in units of the scene's range. Without ties the
+squared error is 1.6 to 2.3 times as large. Twice as stiff costs a tenth of it, half as stiff 1 to 9 %."""
+
+_SETTLED = 0.02
+"""Tolerance of the passes before the last: 0.05 and 0.01 give the same errors to 2 %, in up to a tenth fewer
+and a fifth more iterations."""
 
 _MOST = 4.0
 """Weight of the brightest samples: mixing at edges, not noise, is what still brighter ones are wrong by."""
@@ -53,7 +66,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         term,
         Prior(problem.options.neighbourhood),
         term.mean,
-        Reweighting(_PASSES, _GAIN, _EPSILON * extent / strength, _EDGE * extent / strength),
+        _plan(term, extent / strength),
         unit=Unit(strength, middle),
         options=problem.options,
         trail=initial.trail if initial is not None else None,
@@ -70,6 +83,20 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         outcome.converged,
         relative=strength / problem.usual_deviation,
         trail=trail,
+    )
+
+
+def _plan(term: AreaTerm, extent: float) -> Reweighting:
+    """The passes, for a scene's range in units of λ."""
+    return Reweighting(
+        tied=partial(Tied, term),
+        passes=_PASSES,
+        gain=_GAIN,
+        epsilon=_EPSILON * extent,
+        edge=_EDGE * extent,
+        tie=_GAIN / (_TIE * extent),
+        across=_ACROSS * extent,
+        tolerance=_SETTLED,
     )
 
 

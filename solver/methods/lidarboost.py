@@ -12,7 +12,7 @@ from solver.fill import smoothed
 from solver.prior import Prior
 from solver.problem import Problem, Solution
 from solver.result import Progress
-from solver.reweighting import Reweighting, Unit, minimise_reweighted
+from solver.reweighting import Unit, minimise_reweighted
 from solver.sampling import SparseTerm, sample
 
 _NOISE, _MIXING = 1.2, 0.01
@@ -34,7 +34,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         SparseTerm(samples.weight, mean, samples.constant / strength**2),
         Prior(problem.options.neighbourhood),
         lambda: smoothed(mean, samples.weight, problem.options.upsampling)[None],
-        Reweighting(),
+        None,
         unit=Unit(strength, middle),
         options=problem.options,
         trail=initial.trail if initial is not None else None,
