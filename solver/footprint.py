@@ -91,7 +91,7 @@ class AreaTerm:
         self.curvature *= 0.5
 
     def operator(self) -> Operator:
-        return Operator((self._stencil, self._side, self._taps, self._size), None)
+        return Operator((self._stencil, self._side, self._taps, self._size))
 
     def gradient(self, x: NDArray[np.floating], out: NDArray[np.floating]) -> None:
         """out ← the gradient at the padded map x."""

@@ -13,7 +13,7 @@ tolerance.
 """
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,10 +67,14 @@ class Operator:
     Attributes:
         footprint: (stencil, side, taps, size) of `kernels.blur.apply`; None = diagonal, the term's curvature.
         mean: (C, rows + 4, columns + 4), the map that a diagonal operator draws to.
+        ties: (6, rows + 4, columns + 4), their strengths (see `solver.ties`), and what their slope adds to the
+            gradient, lift (C, rows + 4, columns + 4); with a footprint only.
     """
 
     footprint: tuple[Image, Image, Image, int] | None
-    mean: Image | None
+    mean: Image | None = None
+    ties: Image | None = None
+    lift: Image | None = None
 
 
 class Term(Protocol):
@@ -173,11 +177,12 @@ class _Descent:
         self._weights = (prior.tables(x), doubled(prior.weights.astype(x.dtype) ** 2), term.curvature)
         operator, none = term.operator(), np.zeros((len(x), 0, 0), x.dtype)
         if operator.footprint is None:
-            self._footprint = (none, none, np.zeros(0, x.dtype), 0)
+            self._footprint: Any = (none, none, np.zeros(0, x.dtype), 0)
             self._data, curved = operator.mean, (none, none)
         else:
             self._footprint = operator.footprint
             self._data, curved = np.zeros_like(x), (np.zeros_like(x), np.zeros_like(x))
+        self._ties = (none, none) if operator.ties is None else (operator.ties, operator.lift)
         self._step = np.zeros_like(x)
         self._work = (np.zeros_like(x), *curved, np.zeros_like(state.radius))
         self._sums = np.zeros((2, x.shape[1] - 4, 6))
@@ -186,5 +191,5 @@ class _Descent:
         self, numbers: NDArray[np.float64], history: NDArray[np.float64], rule: tuple[float, ...]
     ) -> None:
         """Fill `history`, or stop where the objective has settled; see `solver.kernels.iteration`."""
-        arrays = (self._footprint, self._data, self._step, self._work, self._sums)
+        arrays = (self._footprint, self._ties, self._data, self._step, self._work, self._sums)
         team.run(loop.iterate, *self._map, *self._weights, *arrays, rule, numbers, history)

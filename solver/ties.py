@@ -11,7 +11,7 @@ diffusivity that falls with d it goes back to Perona, Malik, "Scale-space and ed
 diffusion", PAMI 1990; its exponents are measured. Ties are quadratic, so they join the data term.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import cv2
@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 
 from solver.footprint import AreaTerm
 from solver.kernels import prior as tables
+from solver.kernels import team
 from solver.kernels import ties as kernels
 from solver.kernels.prior import COLUMNS, PAD, ROWS
-from solver.memory_gradient import State
+from solver.memory_gradient import Operator, State
 from solver.prior import Prior
 
 Image = NDArray[np.floating]
@@ -89,14 +90,14 @@ class Tied:
         self._lift = np.zeros_like(ties.slope[:, 0])
         kernels.lift(ties.slope, ties.strength, self._lift)
 
-    def gradient(self, x: Image, out: Image) -> None:
-        self._term.gradient(x, out)
-        kernels.pull(x, self._ties.strength, out)
-        out += self._lift
+    def operator(self) -> Operator:
+        return replace(self._term.operator(), ties=self._ties.strength, lift=self._lift)
 
-    def multiply(self, x: Image, out: Image) -> None:
-        self._term.multiply(x, out)
-        kernels.pull(x, self._ties.strength, out)
+    def gradient(self, x: Image, out: Image) -> None:
+        """out ← the gradient at the padded map x."""
+        self._term.gradient(x, out)
+        team.run(kernels.pull_all, x, self._ties.strength, out)
+        out += self._lift
 
     def value(self, x: Image) -> float:
         return self._term.value(x) + float(self.sums(x)[0])

@@ -14,6 +14,7 @@ from solver.kernels.blur import apply
 from solver.kernels.direction import descend
 from solver.kernels.step import advance, bends
 from solver.kernels.team import meet
+from solver.kernels.ties import pull
 
 EPSILON, FIT, DONE, SETTLED = range(4)
 """Places in the numbers that the loop takes and leaves."""
@@ -62,7 +63,7 @@ def _compiled(sources: str):  # type: ignore[no-untyped-def]
 
     @njit(nogil=True, cache=True)
     def iterate(  # type: ignore[no-untyped-def]
-        rank, size, barrier, x, slope, radius, up, weights, curvature, footprint, data, step, work, sums, rule,
+        rank, size, barrier, x, slope, radius, up, weights, curvature, footprint, ties, data, step, work, sums, rule,
         numbers, history
     ):  # fmt: skip
         """Iterate until the objective has settled or `history` is full.
@@ -72,6 +73,7 @@ def _compiled(sources: str):  # type: ignore[no-untyped-def]
             slope, radius, up, weights, curvature, step: see `direction.descend`.
             footprint: (stencil, side, taps, size) of `blur.apply`; no stencil = a diagonal operator, whose
                 diagonal is the curvature and whose data is the map that it draws to.
+            ties: (strengths (6, …), lift (C, …)) of `kernels.ties`; no strengths = none.
             data: (C, …), the data term's gradient, kept up to date; or that map.
             work: (direction (C, …), its product with the operator, the step's, stiffness (…)).
             sums: (2, rows, 6).
@@ -81,9 +83,10 @@ def _compiled(sources: str):  # type: ignore[no-untyped-def]
         """
         sources  # noqa: B018
         stencil, side, taps, taps_size = footprint
+        strengths, lift = ties
         direction, curved, curved_step, stiffness = work
         tolerance, hide, fall_of_epsilon, patience, refresh = rule
-        channels, rows = x.shape[0], x.shape[1] - 4
+        channels, rows, tied = x.shape[0], x.shape[1] - 4, strengths.shape[1] > 0
         diagonal, two, none = stencil.shape[1] == 0, x.dtype.type(2), np.zeros((0, 0), x.dtype)
         top, end = rank * rows // size, (rank + 1) * rows // size
         epsilon, fit, count = numbers[EPSILON], numbers[FIT], int(numbers[DONE])
@@ -92,6 +95,9 @@ def _compiled(sources: str):  # type: ignore[no-untyped-def]
             if not diagonal and count % refresh == 0:
                 for c in range(channels):
                     apply(top, end, x[c], stencil, side[c], taps, taps_size, two, data[c])
+                    if tied:
+                        pull(top, end, x[c], strengths, data[c])
+                        data[c, top + 2 : end + 2] += lift[c, top + 2 : end + 2]
             descend(
                 top, end, x, slope, radius, x.dtype.type(epsilon), up, weights, curvature, diagonal, data, step,
                 stiffness, direction, sums[0]
@@ -100,6 +106,8 @@ def _compiled(sources: str):  # type: ignore[no-untyped-def]
             if not diagonal:
                 for c in range(channels):
                     apply(top, end, direction[c], stencil, none, taps, taps_size, two, curved[c])
+                    if tied:
+                        pull(top, end, direction[c], strengths, curved[c])
             bends(
                 top, end, direction, step, curvature, diagonal, curved, curved_step, stiffness, up, sums[1]
             )
@@ -130,7 +138,7 @@ def _compiled(sources: str):  # type: ignore[no-untyped-def]
 
 def _sources() -> str:
     digest = hashlib.sha256()
-    for name in ("blur", "direction", "prior", "step", "team"):
+    for name in ("blur", "direction", "prior", "step", "team", "ties"):
         digest.update((Path(__file__).parent / f"{name}.py").read_bytes())
     return digest.hexdigest()
 

@@ -70,15 +70,21 @@ def _pull_diagonal(i, x, ties, out):  # type: ignore[no-untyped-def]
         out[j] += near + a[j] * (v - antidiagonal[j]) + o[j] * (v - other[j])
 
 
-@njit(parallel=True, fastmath=True, cache=True)
-def pull(x, ties, out):  # type: ignore[no-untyped-def]
-    """out += Gᵀ t G x, all channels."""
-    channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
-    for row in prange(rows):
-        for c in range(channels):
-            target = out[c, row + 2, 2 : 2 + n]
-            _pull_near(row + 2, x[c], ties, target)
-            _pull_diagonal(row + 2, x[c], ties, target)
+@njit(fastmath=True)
+def pull(top, end, x, ties, out):  # type: ignore[no-untyped-def]
+    """out += Gᵀ t G x in rows top to end, one channel."""
+    n = x.shape[1] - 4
+    for i in range(top + 2, end + 2):
+        _pull_near(i, x, ties, out[i, 2 : 2 + n])
+        _pull_diagonal(i, x, ties, out[i, 2 : 2 + n])
+
+
+@njit(nogil=True, cache=True)
+def pull_all(rank, threads, barrier, x, ties, out):  # type: ignore[no-untyped-def]  # noqa: ARG001
+    """`pull` in every channel by a team (see `kernels.team`)."""
+    rows = x.shape[1] - 4
+    for c in range(x.shape[0]):
+        pull(rank * rows // threads, (rank + 1) * rows // threads, x[c], ties, out[c])
 
 
 @njit(parallel=True, fastmath=True, cache=True)
