@@ -67,14 +67,13 @@ class Operator:
     Attributes:
         footprint: (stencil, side, taps, size) of `kernels.blur.apply`; None = diagonal, the term's curvature.
         mean: (C, rows + 4, columns + 4), the map that a diagonal operator draws to.
-        ties: (6, rows + 4, columns + 4), their strengths (see `solver.ties`), and what their slope adds to the
-            gradient, lift (C, rows + 4, columns + 4); with a footprint only.
+        ties: (levels, unit, lift) of `kernels.ties`, with a footprint only; the lift, (C, rows + 4, columns + 4),
+            is what their slope adds to the gradient.
     """
 
     footprint: tuple[Image, Image, Image, int] | None
     mean: Image | None = None
-    ties: Image | None = None
-    lift: Image | None = None
+    ties: tuple[NDArray[np.uint8], Image, Image] | None = None
 
 
 class Term(Protocol):
@@ -182,7 +181,7 @@ class _Descent:
         else:
             self._footprint = operator.footprint
             self._data, curved = np.zeros_like(x), (np.zeros_like(x), np.zeros_like(x))
-        self._ties = (none, none) if operator.ties is None else (operator.ties, operator.lift)
+        self._ties = operator.ties or (np.zeros((6, 0, 0), np.uint8), np.zeros(0, x.dtype), none)
         self._step = np.zeros_like(x)
         self._work = (np.zeros_like(x), *curved, np.zeros_like(state.radius))
         self._sums = np.zeros((2, x.shape[1] - 4, 6))

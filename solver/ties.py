@@ -19,10 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.footprint import AreaTerm
-from solver.kernels import prior as tables
 from solver.kernels import team
 from solver.kernels import ties as kernels
-from solver.kernels.prior import COLUMNS, PAD, ROWS
+from solver.kernels.prior import PAD
 from solver.memory_gradient import Operator, State
 from solver.prior import Prior
 
@@ -35,9 +34,16 @@ Without it the squared error of noisy frames is 1.3 to 1.75 times as large."""
 
 @dataclass(frozen=True, slots=True)
 class Ties:
-    """The strength of every tie, (6, rows + 4, columns + 4), and the slope, (C, 2, rows + 4, columns + 4)."""
+    """Ties and the slope that they foretell.
 
-    strength: Image
+    Attributes:
+        levels: uint8 (6, rows + 4, columns + 4), strengths in steps of `unit`.
+        unit: (6,), by difference.
+        slope: (C, 2, rows + 4, columns + 4).
+    """
+
+    levels: NDArray[np.uint8]
+    unit: Image
     slope: Image
 
     @classmethod
@@ -56,29 +62,13 @@ class Ties:
         """
         kind = x.dtype.type
         weights = prior.weights.astype(x.dtype) ** 2
-        up = tables.tables(prior.weights.astype(x.dtype), x.shape[2] - 4)
-        out: Image = np.zeros((len(weights), *x.shape[1:]), x.dtype)
-        kernels.differences(x, slope, up, out)
-        rows, columns = x.shape[1] - PAD, x.shape[2] - PAD
-        for size, weight, down, right in zip(out, weights, ROWS, COLUMNS, strict=True):
-            inner: Image = size[PAD:rows, PAD:columns]
-            averaged = cv2.GaussianBlur(inner, (0, 0), _REACH)
-            loose = 1 + (averaged * kind(1 / across)) ** 2
-            inner[...] = kind(strength) * weight * freed[PAD:rows, PAD:columns] / (loose * loose)
-            size[rows - down :] = 0
-            size[:, columns - max(right, 0) :] = 0
-            size[:, : PAD - min(right, 0)] = 0
-        return cls(out, slope)
-
-    def diagonal(self) -> Image:
-        """(rows + 4, columns + 4): of Gᵀ t G."""
-        out: Image = np.zeros_like(self.strength[0])
-        rows, columns = out.shape[0] - PAD, out.shape[1] - PAD
-        for strength, down, right in zip(self.strength, ROWS, COLUMNS, strict=True):
-            inner = out[PAD:rows, PAD:columns]
-            inner += strength[PAD:rows, PAD:columns]
-            inner += strength[PAD - down : rows - down, PAD - right : columns - right]
-        return out
+        sizes: Image = np.empty((len(weights), x.shape[1] - 2 * PAD, x.shape[2] - 2 * PAD), x.dtype)
+        team.run(kernels.differences, x, slope, prior.tables(x), sizes)
+        for size in sizes:
+            cv2.GaussianBlur(size, (0, 0), _REACH, dst=size)
+        levels = np.zeros((len(weights), *x.shape[1:]), np.uint8)
+        team.run(kernels.level, sizes, freed, kind(1 / across), levels)
+        return cls(levels, weights * kind(strength / 255), slope)
 
 
 class Tied:
@@ -86,17 +76,18 @@ class Tied:
 
     def __init__(self, term: AreaTerm, ties: Ties) -> None:
         self._term, self._ties = term, ties
-        self.curvature: Image = term.curvature + ties.diagonal()
-        self._lift = np.zeros_like(ties.slope[:, 0])
-        kernels.lift(ties.slope, ties.strength, self._lift)
+        self.curvature: Image = term.curvature.copy()
+        kernels.add_diagonal(ties.levels, ties.unit, self.curvature)
+        self._lift: Image = np.zeros_like(ties.slope[:, 0])
+        kernels.lift(ties.slope, ties.levels, ties.unit, self._lift)
 
     def operator(self) -> Operator:
-        return replace(self._term.operator(), ties=self._ties.strength, lift=self._lift)
+        return replace(self._term.operator(), ties=(self._ties.levels, self._ties.unit, self._lift))
 
     def gradient(self, x: Image, out: Image) -> None:
         """out ← the gradient at the padded map x."""
         self._term.gradient(x, out)
-        team.run(kernels.pull_all, x, self._ties.strength, out)
+        team.run(kernels.pull_all, x, self._ties.levels, self._ties.unit, out)
         out += self._lift
 
     def value(self, x: Image) -> float:
@@ -104,7 +95,7 @@ class Tied:
 
     def sums(self, x: Image) -> NDArray[np.float64]:
         """(2,): ½ Σ t (G x − s)² and ½ Σ t (s² − (G x)²)."""
-        return np.asarray(kernels.sums(x, self._ties.slope, self._ties.strength))
+        return np.asarray(kernels.sums(x, self._ties.slope, self._ties.levels, self._ties.unit))
 
     def certify(self, state: State, dual: Image, prior: Prior) -> tuple[float, float]:
         pull: Image = np.zeros_like(state.x)

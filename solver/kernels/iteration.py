@@ -73,7 +73,7 @@ def _compiled(sources: str):  # type: ignore[no-untyped-def]
             slope, radius, up, weights, curvature, step: see `direction.descend`.
             footprint: (stencil, side, taps, size) of `blur.apply`; no stencil = a diagonal operator, whose
                 diagonal is the curvature and whose data is the map that it draws to.
-            ties: (strengths (6, …), lift (C, …)) of `kernels.ties`; no strengths = none.
+            ties: (levels, unit, lift) of `kernels.ties`; no levels = none.
             data: (C, …), the data term's gradient, kept up to date; or that map.
             work: (direction (C, …), its product with the operator, the step's, stiffness (…)).
             sums: (2, rows, 6).
@@ -83,10 +83,10 @@ def _compiled(sources: str):  # type: ignore[no-untyped-def]
         """
         sources  # noqa: B018
         stencil, side, taps, taps_size = footprint
-        strengths, lift = ties
+        levels, unit, lift = ties
         direction, curved, curved_step, stiffness = work
         tolerance, hide, fall_of_epsilon, patience, refresh = rule
-        channels, rows, tied = x.shape[0], x.shape[1] - 4, strengths.shape[1] > 0
+        channels, rows, tied = x.shape[0], x.shape[1] - 4, levels.shape[1] > 0
         diagonal, two, none = stencil.shape[1] == 0, x.dtype.type(2), np.zeros((0, 0), x.dtype)
         top, end = rank * rows // size, (rank + 1) * rows // size
         epsilon, fit, count = numbers[EPSILON], numbers[FIT], int(numbers[DONE])
@@ -96,7 +96,7 @@ def _compiled(sources: str):  # type: ignore[no-untyped-def]
                 for c in range(channels):
                     apply(top, end, x[c], stencil, side[c], taps, taps_size, two, data[c])
                     if tied:
-                        pull(top, end, x[c], strengths, data[c])
+                        pull(top, end, x[c], levels, unit, data[c])
                         data[c, top + 2 : end + 2] += lift[c, top + 2 : end + 2]
             descend(
                 top, end, x, slope, radius, x.dtype.type(epsilon), up, weights, curvature, diagonal, data, step,
@@ -107,7 +107,7 @@ def _compiled(sources: str):  # type: ignore[no-untyped-def]
                 for c in range(channels):
                     apply(top, end, direction[c], stencil, none, taps, taps_size, two, curved[c])
                     if tied:
-                        pull(top, end, direction[c], strengths, curved[c])
+                        pull(top, end, direction[c], levels, unit, curved[c])
             bends(
                 top, end, direction, step, curvature, diagonal, curved, curved_step, stiffness, up, sums[1]
             )

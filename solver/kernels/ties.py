@@ -1,125 +1,198 @@
 """Ties between neighbours: ½ Σ t (G X − s)² with a strength t for every difference G of the prior.
 
-Images are padded as in `kernels.prior`; `ties` (6, rows + 4, columns + 4) are 0 in the padding and where a
-difference leaves the image.
+Images are padded as in `kernels.prior`. Strengths are kept as `levels`, bytes (6, rows + 4, columns + 4) that are
+0 in the padding and where a difference leaves the image, and the `unit` (6,) of each difference's levels: an
+iteration waits for memory, and bytes are a quarter of it.
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from solver.kernels.prior import COLUMNS, ROWS
 
 
-@njit(parallel=True, fastmath=True, cache=True)
-def differences(x, slope, up, out):  # type: ignore[no-untyped-def]
-    """out (6, rows + 4, columns + 4) ← |G x − s| over all channels, 0 where it leaves the image.
+@njit(fastmath=True)
+def _difference(k, i, x, slope, out):  # type: ignore[no-untyped-def]
+    """out += (G x − s)² of difference k at row i, one channel."""
+    n = out.size
+    down, right = x.dtype.type(ROWS[k]), x.dtype.type(COLUMNS[k])
+    here, there = x[i, 2 : 2 + n], x[i + ROWS[k], 2 + COLUMNS[k] : 2 + COLUMNS[k] + n]
+    fall, run, target = slope[0, i, 2 : 2 + n], slope[1, i, 2 : 2 + n], out[:n]
+    for j in range(n):
+        found = here[j] - there[j] + down * fall[j] + right * run[j]
+        target[j] += found * found
 
-    Args: x (C, …); slope (C, 2, …); up, the squared weights, as in `kernels.prior`.
+
+@njit(nogil=True, fastmath=True, cache=True)
+def differences(rank, threads, barrier, x, slope, up, out):  # type: ignore[no-untyped-def]  # noqa: ARG001
+    """out (6, rows, columns) ← |G x − s| over all channels, 0 where it leaves the image; by a team.
+
+    Args: x (C, rows + 4, …); slope (C, 2, …); up, the squared weights, as in `kernels.prior`.
     """
-    channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
-    for row in prange(rows):
-        i, weights = row + 2, up[max(0, row + 3 - rows)]
+    rows = out.shape[1]
+    for row in range(rank * rows // threads, (rank + 1) * rows // threads):
+        weights = up[max(0, row + 3 - rows)]
         for k in range(6):
-            down, right = x.dtype.type(ROWS[k]), x.dtype.type(COLUMNS[k])
-            target, weight = out[k, i, 2 : 2 + n], weights[k]
+            target, weight = out[k, row], weights[k]
             target[:] = 0
-            for c in range(channels):
-                here, there = x[c, i, 2 : 2 + n], x[c, i + ROWS[k], 2 + COLUMNS[k] : 2 + COLUMNS[k] + n]
-                fall, run = slope[c, 0, i, 2 : 2 + n], slope[c, 1, i, 2 : 2 + n]
-                for j in range(n):
-                    difference = here[j] - there[j] + down * fall[j] + right * run[j]
-                    target[j] += difference * difference
-            for j in range(n):
+            for c in range(x.shape[0]):
+                _difference(k, row + 2, x[c], slope[c], target)
+            for j in range(target.size):
                 target[j] = np.sqrt(weight[j] * target[j])
 
 
-@njit(fastmath=True)
-def _pull_near(i, x, ties, out):  # type: ignore[no-untyped-def]
-    """The part of `pull` along rows and columns, row i."""
-    n = out.size
-    here, right, left = x[i, 2 : 2 + n], x[i, 3 : 3 + n], x[i, 1 : 1 + n]
-    down, above = x[i + 1, 2 : 2 + n], x[i - 1, 2 : 2 + n]
-    right2, left2, down2, above2 = x[i, 4 : 4 + n], x[i, 0:n], x[i + 2, 2 : 2 + n], x[i - 2, 2 : 2 + n]
-    r, b, d, a = (
-        ties[0, i, 2 : 2 + n],
-        ties[0, i, 1 : 1 + n],
-        ties[1, i, 2 : 2 + n],
-        ties[1, i - 1, 2 : 2 + n],
-    )
-    r2, b2 = ties[4, i, 2 : 2 + n], ties[4, i, 0:n]
-    d2, a2 = ties[5, i, 2 : 2 + n], ties[5, i - 2, 2 : 2 + n]
+@njit(fastmath=True, error_model="numpy")
+def _loosen(size, freed, across, out):  # type: ignore[no-untyped-def]
+    """out = 255 · freed / (1 + (size · across)²)², rounded; one row."""
+    n = size.size
+    s, f, target, one = size[:n], freed[:n], out[:n], size.dtype.type(1)
+    most, half = size.dtype.type(255), size.dtype.type(0.5)
     for j in range(n):
-        v = here[j]
-        near = r[j] * (v - right[j]) + b[j] * (v - left[j]) + d[j] * (v - down[j]) + a[j] * (v - above[j])
-        far = r2[j] * (v - right2[j]) + b2[j] * (v - left2[j]) + d2[j] * (v - down2[j])
-        out[j] += near + far + a2[j] * (v - above2[j])
-
-
-@njit(fastmath=True)
-def _pull_diagonal(i, x, ties, out):  # type: ignore[no-untyped-def]
-    """The part of `pull` along diagonals, row i."""
-    n = out.size
-    here = x[i, 2 : 2 + n]
-    diagonal, corner = x[i + 1, 3 : 3 + n], x[i - 1, 1 : 1 + n]
-    antidiagonal, other = x[i + 1, 1 : 1 + n], x[i - 1, 3 : 3 + n]
-    d, c = ties[2, i, 2 : 2 + n], ties[2, i - 1, 1 : 1 + n]
-    a, o = ties[3, i, 2 : 2 + n], ties[3, i - 1, 3 : 3 + n]
-    for j in range(n):
-        v = here[j]
-        near = d[j] * (v - diagonal[j]) + c[j] * (v - corner[j])
-        out[j] += near + a[j] * (v - antidiagonal[j]) + o[j] * (v - other[j])
-
-
-@njit(fastmath=True)
-def pull(top, end, x, ties, out):  # type: ignore[no-untyped-def]
-    """out += Gᵀ t G x in rows top to end, one channel."""
-    n = x.shape[1] - 4
-    for i in range(top + 2, end + 2):
-        _pull_near(i, x, ties, out[i, 2 : 2 + n])
-        _pull_diagonal(i, x, ties, out[i, 2 : 2 + n])
+        loose = one + (s[j] * across) * (s[j] * across)
+        target[j] = np.uint8(np.int32(most * f[j] / (loose * loose) + half))
 
 
 @njit(nogil=True, cache=True)
-def pull_all(rank, threads, barrier, x, ties, out):  # type: ignore[no-untyped-def]  # noqa: ARG001
+def level(rank, threads, barrier, sizes, freed, across, levels):  # type: ignore[no-untyped-def]  # noqa: ARG001
+    """levels ← 255 · freed / (1 + (size · across)²)² where the difference stays inside; by a team.
+
+    Args: sizes (6, rows, columns) of the differences; freed (rows + 4, columns + 4), 1 − ρ.
+    """
+    rows, columns = sizes.shape[1:]
+    for row in range(rank * rows // threads, (rank + 1) * rows // threads):
+        for k in range(6):
+            first, end = max(0, -COLUMNS[k]), columns - max(0, COLUMNS[k])
+            if row + ROWS[k] < rows and first < end:
+                target = levels[k, row + 2, 2 + first : 2 + end]
+                _loosen(sizes[k, row, first:end], freed[row + 2, 2 + first : 2 + end], across, target)
+
+
+@njit(nogil=True, fastmath=True, cache=True)
+def add_diagonal(levels, unit, out):  # type: ignore[no-untyped-def]
+    """out (rows + 4, columns + 4) += the diagonal of Gᵀ t G."""
+    rows, n = out.shape[0] - 4, out.shape[1] - 4
+    for row in range(rows):
+        i, target = row + 2, out[row + 2, 2 : 2 + n]
+        for k in range(6):
+            down, right, by = ROWS[k], COLUMNS[k], unit[k]
+            own, other = levels[k, i, 2 : 2 + n], levels[k, i - down, 2 - right : 2 - right + n]
+            for j in range(n):
+                target[j] += by * (out.dtype.type(own[j]) + out.dtype.type(other[j]))
+
+
+@njit(fastmath=True)
+def _pull_along(i, x, levels, unit, out):  # type: ignore[no-untyped-def]
+    """The part of `pull` along rows, row i."""
+    n, kind = out.size, x.dtype.type
+    here, right, left, right2, left2 = (
+        x[i, 2 : 2 + n], x[i, 3 : 3 + n], x[i, 1 : 1 + n], x[i, 4 : 4 + n], x[i, 0:n]
+    )  # fmt: skip
+    r, b, r2, b2 = (
+        levels[0, i, 2 : 2 + n], levels[0, i, 1 : 1 + n], levels[4, i, 2 : 2 + n], levels[4, i, 0:n]
+    )  # fmt: skip
+    u0, u4 = unit[0], unit[4]
+    for j in range(n):
+        v = here[j]
+        near = kind(r[j]) * (v - right[j]) + kind(b[j]) * (v - left[j])
+        out[j] += u0 * near + u4 * (kind(r2[j]) * (v - right2[j]) + kind(b2[j]) * (v - left2[j]))
+
+
+@njit(fastmath=True)
+def _pull_across(i, x, levels, unit, out):  # type: ignore[no-untyped-def]
+    """The part of `pull` along columns, row i."""
+    n, kind = out.size, x.dtype.type
+    here, down, above = x[i, 2 : 2 + n], x[i + 1, 2 : 2 + n], x[i - 1, 2 : 2 + n]
+    down2, above2 = x[i + 2, 2 : 2 + n], x[i - 2, 2 : 2 + n]
+    d, a = levels[1, i, 2 : 2 + n], levels[1, i - 1, 2 : 2 + n]
+    d2, a2 = levels[5, i, 2 : 2 + n], levels[5, i - 2, 2 : 2 + n]
+    u1, u5 = unit[1], unit[5]
+    for j in range(n):
+        v = here[j]
+        near = kind(d[j]) * (v - down[j]) + kind(a[j]) * (v - above[j])
+        out[j] += u1 * near + u5 * (kind(d2[j]) * (v - down2[j]) + kind(a2[j]) * (v - above2[j]))
+
+
+@njit(fastmath=True)
+def _pull_diagonal(i, x, levels, unit, out):  # type: ignore[no-untyped-def]
+    """The part of `pull` along diagonals, row i."""
+    n, kind = out.size, x.dtype.type
+    here = x[i, 2 : 2 + n]
+    diagonal, corner = x[i + 1, 3 : 3 + n], x[i - 1, 1 : 1 + n]
+    antidiagonal, other = x[i + 1, 1 : 1 + n], x[i - 1, 3 : 3 + n]
+    d, c = levels[2, i, 2 : 2 + n], levels[2, i - 1, 1 : 1 + n]
+    a, o = levels[3, i, 2 : 2 + n], levels[3, i - 1, 3 : 3 + n]
+    u2, u3 = unit[2], unit[3]
+    for j in range(n):
+        v = here[j]
+        near = kind(d[j]) * (v - diagonal[j]) + kind(c[j]) * (v - corner[j])
+        out[j] += u2 * near + u3 * (kind(a[j]) * (v - antidiagonal[j]) + kind(o[j]) * (v - other[j]))
+
+
+@njit(fastmath=True)
+def pull(top, end, x, levels, unit, out):  # type: ignore[no-untyped-def]
+    """out += Gᵀ t G x in rows top to end, one channel."""
+    n = x.shape[1] - 4
+    for i in range(top + 2, end + 2):
+        target = out[i, 2 : 2 + n]
+        _pull_along(i, x, levels, unit, target)
+        _pull_across(i, x, levels, unit, target)
+        _pull_diagonal(i, x, levels, unit, target)
+
+
+@njit(nogil=True, cache=True)
+def pull_all(rank, threads, barrier, x, levels, unit, out):  # type: ignore[no-untyped-def]  # noqa: ARG001
     """`pull` in every channel by a team (see `kernels.team`)."""
     rows = x.shape[1] - 4
     for c in range(x.shape[0]):
-        pull(rank * rows // threads, (rank + 1) * rows // threads, x[c], ties, out[c])
+        pull(rank * rows // threads, (rank + 1) * rows // threads, x[c], levels, unit, out[c])
 
 
-@njit(parallel=True, fastmath=True, cache=True)
-def lift(slope, ties, out):  # type: ignore[no-untyped-def]
+@njit(fastmath=True)
+def _lift_row(k, i, slope, levels, by, out):  # type: ignore[no-untyped-def]
+    n, kind = out.size, out.dtype.type
+    down, right = ROWS[k], COLUMNS[k]
+    own, other = levels[k, i, 2 : 2 + n], levels[k, i - down, 2 - right : 2 - right + n]
+    fall0, run0 = slope[0, i, 2 : 2 + n], slope[1, i, 2 : 2 + n]
+    fall1, run1 = slope[0, i - down, 2 - right : 2 - right + n], slope[1, i - down, 2 - right : 2 - right + n]
+    l, m = kind(down) * by, kind(right) * by  # noqa: E741
+    for j in range(n):
+        gain = kind(own[j]) * (l * fall0[j] + m * run0[j])
+        out[j] += gain - kind(other[j]) * (l * fall1[j] + m * run1[j])
+
+
+@njit(nogil=True, cache=True)
+def lift(slope, levels, unit, out):  # type: ignore[no-untyped-def]
     """out += −Gᵀ t s, all channels: what the slope adds to `pull`."""
     channels, rows, n = out.shape[0], out.shape[1] - 4, out.shape[2] - 4
-    for row in prange(rows):
-        i = row + 2
-        for c in range(channels):
-            fall, run, target = slope[c, 0], slope[c, 1], out[c, i, 2 : 2 + n]
+    for c in range(channels):
+        for i in range(2, rows + 2):
             for k in range(6):
-                l, m = ROWS[k], COLUMNS[k]  # noqa: E741
-                own, other = ties[k, i, 2 : 2 + n], ties[k, i - l, 2 - m : 2 - m + n]
-                fall1, run1 = fall[i - l, 2 - m : 2 - m + n], run[i - l, 2 - m : 2 - m + n]
-                fall0, run0 = fall[i, 2 : 2 + n], run[i, 2 : 2 + n]
-                for j in range(n):
-                    target[j] += own[j] * (l * fall0[j] + m * run0[j]) - other[j] * (
-                        l * fall1[j] + m * run1[j]
-                    )
+                _lift_row(k, i, slope[c], levels, unit[k], out[c, i, 2 : 2 + n])
 
 
-@njit(parallel=True, cache=True)
-def sums(x, slope, ties):  # type: ignore[no-untyped-def]
+@njit(fastmath=True)
+def _sum_row(k, i, x, slope, levels, sums):  # type: ignore[no-untyped-def]
+    n, kind = x.shape[1] - 4, x.dtype.type
+    down, right = kind(ROWS[k]), kind(COLUMNS[k])
+    here, there = x[i, 2 : 2 + n], x[i + ROWS[k], 2 + COLUMNS[k] : 2 + COLUMNS[k] + n]
+    fall, run, own = slope[0, i, 2 : 2 + n], slope[1, i, 2 : 2 + n], levels[k, i, 2 : 2 + n]
+    squares = rest = kind(0)
+    for j in range(n):
+        change, tilt, level = here[j] - there[j], down * fall[j] + right * run[j], kind(own[j])
+        squares += level * (change + tilt) * (change + tilt)
+        rest += level * (tilt + change) * (tilt - change)
+    sums[0] += squares
+    sums[1] += rest
+
+
+@njit(nogil=True, cache=True)
+def sums(x, slope, levels, unit):  # type: ignore[no-untyped-def]
     """(2,) float64: ½ Σ t (G x − s)² and ½ Σ t (s² − (G x)²), all channels."""
-    channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
-    parts = np.zeros((rows, 2))
-    for row in prange(rows):
-        i = row + 2
-        for c in range(channels):
-            for k in range(6):
-                down, right = ROWS[k], COLUMNS[k]
-                for j in range(2, 2 + n):
-                    strength = 0.5 * float(ties[k, i, j])
-                    change = float(x[c, i, j]) - float(x[c, i + down, j + right])
-                    tilt = down * float(slope[c, 0, i, j]) + right * float(slope[c, 1, i, j])
-                    parts[row, 0] += strength * (change + tilt) * (change + tilt)
-                    parts[row, 1] += strength * (tilt + change) * (tilt - change)
-    return parts.sum(axis=0)
+    total, part = np.zeros(2), np.zeros(2)
+    for k in range(6):
+        part[:] = 0
+        for c in range(x.shape[0]):
+            for i in range(2, x.shape[1] - 2):
+                _sum_row(k, i, x[c], slope[c], levels, part)
+        total += 0.5 * float(unit[k]) * part
+    return total
