@@ -58,8 +58,17 @@ def _couple(i, above, y, below, stencil, out):  # type: ignore[no-untyped-def]
         out[j] = value + du[j] * ac[j] + dua[j] * al[j] + dub[j] * ar[j]
 
 
+@njit
+def rings(columns, taps, size):  # type: ignore[no-untyped-def]
+    """What `apply` keeps from one call to the next: rows on their way, for a map of so many columns."""
+    padded, nodes = taps.size, columns - size + 1
+    along, blurred = np.zeros((padded, nodes), taps.dtype), np.zeros((3, nodes + 2), taps.dtype)
+    residual = np.zeros((padded, columns + 2 * padded), taps.dtype)
+    return along, blurred, residual, np.zeros((2, columns + 2 * padded), taps.dtype)
+
+
 @njit(fastmath=True)
-def apply(top, end, x, stencil, side, taps, size, factor, out):  # type: ignore[no-untyped-def]
+def apply(top, end, x, stencil, side, taps, size, factor, on_the_way, resume, out):  # type: ignore[no-untyped-def]
     """out ← factor · Bᵀ (M B x − b) in rows top to end, one channel.
 
     Args:
@@ -67,14 +76,15 @@ def apply(top, end, x, stencil, side, taps, size, factor, out):  # type: ignore[
         stencil: (5, nodes + 2, nodes + 2); side: (nodes + 2, nodes + 2), b, or (0, 0) = none; padded by 1.
         taps: padded with zeros to a multiple of four; the first `size` of them count.
         factor: a number of x's type.
+        on_the_way, resume: `rings`, and whether they hold what a call that ended at `top` has left.
     """
     rows, columns, padded = x.shape[0] - 4, x.shape[1] - 4, taps.size
     node_rows, nodes = rows - size + 1, columns - size + 1
-    line, across = np.zeros(columns + padded, x.dtype), np.zeros(columns + 2 * padded, x.dtype)
-    along, blurred = np.zeros((padded, nodes), x.dtype), np.zeros((3, nodes + 2), x.dtype)
-    residual = np.zeros((padded, columns + 2 * padded), x.dtype)
-    ready = max(0, top - size)
-    for q in range(top - size, end + 1):
+    along, blurred, residual, lines = on_the_way
+    line, across = lines[0], lines[1]
+    first = top + 1 if resume else top - size
+    ready = top + size if resume else max(0, top - size)
+    for q in range(first, end + 1):
         if 0 <= q < node_rows:
             while ready < q + size:
                 line[:columns] = x[ready + 2, 2 : 2 + columns]
@@ -84,7 +94,7 @@ def apply(top, end, x, stencil, side, taps, size, factor, out):  # type: ignore[
         else:
             blurred[q % 3] = 0
         r = q - 1
-        if r <= top - size:
+        if r <= top - size and not resume:
             continue
         fresh = residual[r % padded, size - 1 : size - 1 + nodes]
         if 0 <= r < node_rows:
@@ -106,9 +116,9 @@ def apply(top, end, x, stencil, side, taps, size, factor, out):  # type: ignore[
 def transform(rank, threads, barrier, x, stencil, side, taps, size, factor, out):  # type: ignore[no-untyped-def]  # noqa: ARG001
     """`apply` to every channel of x (C, …) by a team; side (C, …) or (C, 0, 0)."""
     rows = x.shape[1] - 4
+    top, end, own = rank * rows // threads, (rank + 1) * rows // threads, rings(x.shape[2] - 4, taps, size)
     for c in range(x.shape[0]):
-        top, end = rank * rows // threads, (rank + 1) * rows // threads
-        apply(top, end, x[c], stencil, side[c], taps, size, factor, out[c])
+        apply(top, end, x[c], stencil, side[c], taps, size, factor, own, False, out[c])
 
 
 @njit(nogil=True, cache=True)

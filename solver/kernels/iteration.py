@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 
-from solver.kernels.blur import apply
+from solver.kernels.blur import apply, rings
 from solver.kernels.direction import descend
 from solver.kernels.step import advance, bends
 from solver.kernels.team import meet
@@ -18,6 +18,9 @@ from solver.kernels.ties import pull
 
 EPSILON, FIT, DONE, SETTLED = range(4)
 """Places in the numbers that the loop takes and leaves."""
+
+STRIP = 16
+"""Rows whose products are made and used before they leave the cache."""
 
 
 @njit
@@ -88,13 +91,14 @@ def _compiled(sources: str):  # type: ignore[no-untyped-def]
         tolerance, hide, fall_of_epsilon, patience, refresh = rule
         channels, rows, tied = x.shape[0], x.shape[1] - 4, levels.shape[1] > 0
         diagonal, two, none = stencil.shape[1] == 0, x.dtype.type(2), np.zeros((0, 0), x.dtype)
+        rows_of = [rings(x.shape[2] - 4, taps, taps_size) for _ in range(channels)]
         top, end = rank * rows // size, (rank + 1) * rows // size
         epsilon, fit, count = numbers[EPSILON], numbers[FIT], int(numbers[DONE])
         own, settled = history.copy(), False
         while count < history.size and not settled:
             if not diagonal and count % refresh == 0:
                 for c in range(channels):
-                    apply(top, end, x[c], stencil, side[c], taps, taps_size, two, data[c])
+                    apply(top, end, x[c], stencil, side[c], taps, taps_size, two, rows_of[c], False, data[c])
                     if tied:
                         pull(top, end, x[c], levels, unit, data[c])
                         data[c, top + 2 : end + 2] += lift[c, top + 2 : end + 2]
@@ -103,14 +107,20 @@ def _compiled(sources: str):  # type: ignore[no-untyped-def]
                 stiffness, direction, sums[0]
             )  # fmt: skip
             meet(barrier, size)
-            if not diagonal:
-                for c in range(channels):
-                    apply(top, end, direction[c], stencil, none, taps, taps_size, two, curved[c])
-                    if tied:
-                        pull(top, end, direction[c], levels, unit, curved[c])
-            bends(
-                top, end, direction, step, curvature, diagonal, curved, curved_step, stiffness, up, sums[1]
-            )
+            for strip in range(top, end, STRIP):
+                until = min(strip + STRIP, end)
+                if not diagonal:
+                    for c in range(channels):
+                        apply(
+                            strip, until, direction[c], stencil, none, taps, taps_size, two, rows_of[c],
+                            strip > top, curved[c]
+                        )  # fmt: skip
+                        if tied:
+                            pull(strip, until, direction[c], levels, unit, curved[c])
+                bends(
+                    strip, until, direction, step, curvature, diagonal, curved, curved_step, stiffness, up,
+                    sums[1]
+                )  # fmt: skip
             meet(barrier, size)
             roughness, hidden, along, across, data_along, data_across = _total(sums[0])
             s = _total(sums[1])
