@@ -105,9 +105,15 @@ class Alignment:
         self._reject(misfits)
 
     def _align_together(self) -> Equations:
-        """Refine all frames against their common mosaic, coarse to fine, where the coarser one is steep."""
+        """Refine all frames against their common mosaic, coarse to fine, where the coarser one is steep.
+
+        A lone channel is looked at everywhere but on the finest level: distance is bent at its steepest
+        edges, where pixels mix, and what is less steep has to outweigh them.
+        """
         blocks, coarser = None, None
         for samples in self.levels[:0:-1]:
+            if len(samples.values) == 1:
+                blocks = None
             points = self._points(samples, blocks)
             coarser = self._refine_jointly(points, coarser)
             within = self.active[:, None, None] if blocks is None else finer_blocks(blocks, samples.shape)

@@ -295,10 +295,13 @@ def _accumulate(values, weights, row, column, row0, column0, density, D, S, b): 
 
 
 def _stiffness(image: Image, strength: float, epsilon: float) -> Image:
-    """The prior reweighted at the image, (rows, columns): λ / √(|∇U|² + ε²), |∇U|² a mean of 3 × 3."""
+    """The prior reweighted at the image, (rows, columns): λ / √(|∇U|² + ε²).
+
+    |∇U|² is the mean over both sides of a node and no wider: with a mean of 3 × 3 nodes edges are held less
+    well, and registration errs by a tenth more.
+    """
     square = np.zeros(image.shape[1:], np.float32)
     _jumps(image, square)
-    square = np.asarray(cv2.blur(square, (3, 3), borderType=cv2.BORDER_REPLICATE), np.float32)
     square += np.float32(epsilon**2)
     np.sqrt(square, out=square)
     return np.divide(np.float32(strength), square, out=square)
