@@ -5,12 +5,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from solver.errors import RegistrationError
 from solver.registration.alignment import ALIASED, DENSITY, FEWEST, OVERLAP, SMOOTHING
-from solver.registration.gauss_newton import POSITION_ERROR, Equations, normal_equations, solve_steps
-from solver.registration.mosaic import Grid, Mosaic, Place, Sums
+from solver.registration.equations import POSITION_ERROR, Equations, normal_equations
+from solver.registration.grid import Grid, Place
+from solver.registration.mosaic import Mosaic
 from solver.registration.motion import Motion, Shift, Turn
 from solver.registration.points import Points
 from solver.registration.samples import Samples, Scaling, pyramid, scaling
 from solver.registration.start import find_start
+from solver.registration.steps import solve_steps
+from solver.registration.sums import Sums
 
 Float = NDArray[np.float64]
 Image = NDArray[np.float32]
