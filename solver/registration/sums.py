@@ -34,18 +34,31 @@ class Sums:
         self._right = np.zeros((channels, *grid.size), np.float32)
         self._scratch = np.empty((3, channels, *grid.size), np.float32)
         self._mass = 0.0
+        self._held: tuple[list[Image], float] | None = None
 
     def clear(self, grid: Grid) -> None:
         """Begin anew on a grid of the same size."""
         self.grid, self._mass = grid, 0.0
-        for sums in (self._data, self._stencil[3:], self._right):
+        for sums in self._of_data():
             sums[:] = 0
 
     def fade(self, keep: float) -> None:
-        """Let what was added count less."""
-        for sums in (self._data, self._stencil[3:], self._right):
+        """Let what was added count less, and in its place what is held."""
+        for sums in self._of_data():
             sums *= np.float32(keep)
         self._mass *= keep
+        if self._held is not None:
+            held, mass = self._held
+            for sums, part in zip(self._of_data(), held, strict=True):
+                _add_part(sums, part, np.float32(1 - keep))
+            self._mass += (1 - keep) * mass
+
+    def hold(self, share: float) -> None:
+        """From now on fade towards a share of what has been added so far instead of nothing."""
+        self._held = [np.float32(share) * sums for sums in self._of_data()], share * self._mass
+
+    def _of_data(self) -> tuple[Image, Image, Image]:
+        return self._data, self._stencil[3:], self._right
 
     def extend(self, borders: Borders) -> None:
         """Go on with a larger grid."""
@@ -55,6 +68,9 @@ class Sums:
             np.pad(sums, wide) for sums in (self._data, self._stencil, self._right)
         )
         self._scratch = np.empty((3, *self._right.shape), np.float32)
+        if self._held is not None:
+            held, mass = self._held
+            self._held = [np.pad(part, wide) for part in held], mass
 
     def add(self, points: Points, place: Place) -> None:
         """Add points, whose weights are typically one, at places (rows, columns)."""
@@ -103,6 +119,15 @@ def _weighted_mean(data: Image, right: Image) -> Image:
             return result
     result[:, ~known] = result[:, known].mean(axis=1, keepdims=True) if known.any() else 0
     return result
+
+
+@numba.njit(cache=True, fastmath=True)
+def _add_part(sums, part, factor):  # type: ignore[no-untyped-def]
+    for h in range(sums.shape[0]):
+        for i in range(sums.shape[1]):
+            into, more = sums[h, i], part[h, i]
+            for j in range(len(into)):
+                into[j] += factor * more[j]
 
 
 @numba.njit(cache=True, fastmath=True)
