@@ -4,12 +4,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import RegistrationError
-from solver.registration.gauss_newton import POSITION_ERROR, Equations, normal_equations, solve_steps
-from solver.registration.mosaic import Grid, Mosaic, Place, Sums, finer_blocks, resampled, steep_blocks
+from solver.registration.equations import POSITION_ERROR, Equations, normal_equations
+from solver.registration.grid import Grid, Place
+from solver.registration.mosaic import Mosaic, resampled
 from solver.registration.motion import Motion
 from solver.registration.points import Points
 from solver.registration.samples import Samples
 from solver.registration.start import find_start
+from solver.registration.steepness import finer_blocks, steep_blocks
+from solver.registration.steps import solve_steps
+from solver.registration.sums import Sums
 
 Float = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -105,13 +109,19 @@ class Alignment:
         self._reject(misfits)
 
     def _align_together(self) -> Equations:
-        """Refine all frames against their common mosaic, coarse to fine, where the coarser one is steep."""
+        """Refine all frames against their common mosaic, coarse to fine, where the coarser one is steep.
+
+        A lone channel is looked at everywhere but on the finest level: distance is bent at its steepest
+        edges, where pixels mix, and what is less steep has to outweigh them.
+        """
         blocks, coarser = None, None
         for samples in self.levels[:0:-1]:
+            if len(samples.values) == 1:
+                blocks = None
             points = self._points(samples, blocks)
             coarser = self._refine_jointly(points, coarser)
             within = self.active[:, None, None] if blocks is None else finer_blocks(blocks, samples.shape)
-            blocks = steep_blocks(coarser, points, self._place(points)) & within
+            blocks = steep_blocks(coarser.kind, coarser.grid, points, self._place(points)) & within
         return self._refine_staggered(self._points(self.levels[0], blocks), coarser)
 
     def _searched(self, guided: bool) -> Float:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import FusionInputError
+from solver.registration.statistics import FLOOR, Statistics, some_of
 
 Image = NDArray[np.float32]
 Source = Literal["auto", "distance", "amplitude", "both"]
@@ -19,8 +20,6 @@ Channels = Callable[[Image, Image | None], tuple[Image, Mask, Image]]
 """Frames to values (C, N, H, W), which of them are known, and their deviation relative to each other."""
 
 SMALLEST = 20  # pixels of the shorter side under which pooling leaves nothing to align
-PLENTY = 5000  # values for medians, which then are within two hundredths
-FLOOR = 0.004  # of the scene's range: the mosaic itself is no better than that beside edges
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,18 +112,18 @@ def scaling(
         channels = _moment_channels(distance, amplitude)
     else:
         return _phasor_scaling(distance, amplitude, ambiguity_range)
-    return partial(_weighted, channels, _Statistics.of(*channels(distance, amplitude)))
+    return partial(_weighted, channels, Statistics.of(*channels(distance, amplitude)))
 
 
 def _phasor_scaling(distance: Image, amplitude: Image, ambiguity_range: float) -> Scaling:
-    part = _some(distance.shape)
+    part = some_of(distance.shape)
     if not np.isfinite(distance[part] + amplitude[part]).any():
         part = slice(None), slice(None)
     known = np.isfinite(distance[part] + amplitude[part])
     light = np.where(known, amplitude[part], 0)
     angle = np.where(known, distance[part], 0) * np.float32(2 * np.pi / ambiguity_range)
     phasors = np.stack([light * np.cos(angle), light * np.sin(angle)])
-    some = _Statistics.of(phasors, known, np.ones_like(light))
+    some = Statistics.of(phasors, known, np.ones_like(light))
     if some is None:
         return partial(_phasors, np.float32(0), np.zeros(2, np.float32), np.float32(0))
     scale = 1 / np.sqrt(some.noise + (FLOOR * some.spread) ** 2 + 1e-30)
@@ -180,7 +179,7 @@ def _moment_channels(distance: Image, amplitude: Image) -> Channels:
     scales = []
     # The moment is brought to the amplitude's noise, or to its range where there is no noise.
     for image in _moments(middle, np.float32(1), distance, amplitude)[0]:
-        some = _Statistics.of(image[None], valid, np.ones_like(image))
+        some = Statistics.of(image[None], valid, np.ones_like(image))
         scales.append(0.0 if some is None else np.sqrt(some.noise) + FLOOR * some.spread)
     return partial(_moments, middle, np.float32(scales[0] / scales[1] if scales[1] > 0 else 0))
 
@@ -212,7 +211,7 @@ def _distances(typical: np.float32, distance: Image, amplitude: Image | None) ->
 
 
 def _weighted(
-    channels: Channels, some: "_Statistics | None", distance: Image, amplitude: Image | None
+    channels: Channels, some: Statistics | None, distance: Image, amplitude: Image | None
 ) -> Samples:
     """Samples with σ ∝ `relative`, scaled to a typical weight of one: the unit of the values drops out."""
     values, valid, relative = channels(distance, amplitude)
@@ -223,46 +222,3 @@ def _weighted(
     weights = np.where(valid, np.float32(typical) / variance, 0)
     scaled = (values - some.middle[:, None, None, None]) * np.float32(1 / np.sqrt(typical))
     return Samples(scaled, weights, 0)
-
-
-def _some(shape: tuple[int, ...]) -> tuple[slice, slice]:
-    """Frames and rows of (N, H, W) that are looked at."""
-    count, height, width = shape
-    return slice(None, None, max(1, 8 * count * width // PLENTY)), slice(None, None, max(1, height // 8))
-
-
-@dataclass(frozen=True, slots=True)
-class _Statistics:
-    """Of about eight rows of some frames: noise c² in σ = c · relative, range, medians."""
-
-    noise: float
-    spread: float
-    middle: NDArray[np.float32]
-    relative: float
-
-    @classmethod
-    def of(cls, values: Image, valid: Mask, relative: Image) -> "_Statistics | None":
-        part = _some(valid.shape)
-        kept, some, factor = values[:, *part], valid[part], relative[part]
-        if not some.any():
-            kept, some, factor = values, valid, relative
-        if not some.any():
-            return None
-        used = kept[:, some]
-        low, middle, high = np.percentile(used, (2, 50, 98), axis=1)
-        spread = float(np.sqrt(((high - low) ** 2).sum()))
-        return cls(
-            _noise(kept, some, factor), spread, middle.astype(np.float32), float(np.median(factor[some]))
-        )
-
-
-def _noise(values: Image, valid: Mask, relative: Image) -> float:
-    """c² from second differences along rows: they vanish on slopes, and their median ignores edges."""
-    usable = valid[..., :-2] & valid[..., 1:-1] & valid[..., 2:]
-    if values.shape[-1] < 3 or not usable.any():
-        return 0.0
-    bend = values[..., :-2] - 2 * values[..., 1:-1] + values[..., 2:]
-    r2 = relative * relative
-    size = np.sqrt(r2[..., :-2] + 4 * r2[..., 1:-1] + r2[..., 2:])
-    ratio = np.abs(bend[:, usable]) / size[usable]
-    return float(np.median(ratio) / 0.6745) ** 2  # the median of |normal| is 0.6745 σ

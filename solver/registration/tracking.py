@@ -5,12 +5,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from solver.errors import RegistrationError
 from solver.registration.alignment import ALIASED, DENSITY, FEWEST, OVERLAP, SMOOTHING
-from solver.registration.gauss_newton import POSITION_ERROR, Equations, normal_equations, solve_steps
-from solver.registration.mosaic import Grid, Mosaic, Place, Sums
+from solver.registration.equations import POSITION_ERROR, Equations, normal_equations
+from solver.registration.grid import Grid, Place
+from solver.registration.mosaic import Mosaic
 from solver.registration.motion import Motion, Shift, Turn
 from solver.registration.points import Points
 from solver.registration.samples import Samples, Scaling, pyramid, scaling
 from solver.registration.start import find_start
+from solver.registration.steps import solve_steps
+from solver.registration.sums import Sums
 
 Float = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -18,6 +21,7 @@ Image = NDArray[np.float32]
 STEPS = 5  # at most per level
 SWEEPS = 1  # of conjugate gradients per frame, as each mosaic starts from the one before
 COARSE_STEP, STEP = 0.2, 0.03  # pixels; the next step would be about a tenth of it
+ANCHOR = 0.3  # share of the first frames; with 0.05 a stream drifts by 0.01–0.03 px in 600 frames
 GUESS = 2.0  # pixels; deviation of a first guess
 
 
@@ -26,7 +30,8 @@ class Track:
 
     Positions are those of `register`: (2,) displacements or (3,) rotation vectors, relative to a frame at
     rest, which all frames must overlap. An older frame counts less by 1/span with every frame after it, so
-    that the sums of the mosaic's normal equations are all that is kept.
+    that the sums of the mosaic's normal equations are all that is kept. A part of the first span of frames
+    stays for good: each frame follows those before it with a small error, and the sum of these would drift.
 
     Args:
         span: how many frames the mosaic is made of.
@@ -42,7 +47,7 @@ class Track:
     ) -> None:
         self._motion: Motion = Shift() if intrinsics is None else Turn.of(intrinsics, distortion)
         self._range = ambiguity_range
-        self._keep = 1 - 1 / span
+        self._span, self._added = span, 0
         self._scaling: Scaling | None = None
         self._layers: list[_Layer] = []
         self._latest: tuple[Samples, Float] | None = None
@@ -125,8 +130,12 @@ class Track:
         if not self._layers:
             self._layers = [_Layer(samples, self._motion) for samples in levels[:2]]
         for layer, samples in zip(self._layers, levels, strict=False):
-            layer.add(samples, position, self._keep)
+            layer.add(samples, position, 1 - 1 / self._span)
         self._latest = levels[-1], position
+        self._added += 1
+        if self._added == self._span:
+            for layer in self._layers:
+                layer.hold()
 
 
 class _Layer:
@@ -156,6 +165,11 @@ class _Layer:
             start = self._extended(self._sums, place, points.shape)
         self._sums.add(points, place)
         self.mosaic = self._sums.solve(smoothing=SMOOTHING, sweeps=SWEEPS, start=start)
+
+    def hold(self) -> None:
+        """Keep a part of the mosaic for good."""
+        if self._sums is not None:
+            self._sums.hold(ANCHOR)
 
     def _extended(self, sums: Sums, place: Place, shape: tuple[int, int]) -> Image:
         """The mosaic as a start, on a grid that holds the new frame too."""

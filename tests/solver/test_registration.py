@@ -3,6 +3,8 @@
 import functools
 from pathlib import Path
 
+import cv2
+import numba
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from solver.errors import FusionInputError, RegistrationError
 from solver.evaluation import LITERAL, MATCHED, DepthMap, make_trial, procedural_object
 from solver.geometry import rotations_to_shifts
 from solver.positions import rotation_matrix, sample_positions
-from solver.registration import register
+from solver.registration import Track, register
 
 SHARED = Path(__file__).parents[3] / "shared" / "data"
 
@@ -223,6 +225,23 @@ def test_rotations_from_distance_amplitude_or_both_without_an_ambiguity_range(so
     assert rotation_error(found.rotations, turns) < 0.08
 
 
+@pytest.mark.parametrize("source", ["distance", "both"])
+def test_the_number_of_threads_does_not_matter(source):
+    _, distance, amplitude = turned()
+    threads, found = (numba.get_num_threads(), cv2.getNumThreads()), []
+    try:
+        for count in (1, numba.config.NUMBA_NUM_THREADS):
+            numba.set_num_threads(count)
+            cv2.setNumThreads(count)
+            found.append(register(distance, amplitude, intrinsics=K, ambiguity_range=RANGE, source=source))
+    finally:
+        numba.set_num_threads(threads[0])
+        cv2.setNumThreads(threads[1])
+    one, all_ = found
+    assert np.abs(one.rotations - all_.rotations).max() * K[0, 0] < 1e-6
+    assert np.allclose(one.uncertainty, all_.uncertainty, rtol=1e-5)
+
+
 def test_uneven_lighting_that_turns_with_the_camera_does_not_pull():
     turns, distance, amplitude = turned()
     rows, columns = np.indices(SHAPE)
@@ -243,3 +262,18 @@ def test_along_a_plain_wall_the_first_guess_stands_and_the_uncertainty_says_so()
     assert np.abs(found.shifts[:, 0] - shifts[:, 0]).max() < 0.3  # the slope shows the rest
     assert (found.uncertainty[1:, 1] > 1).all()
     assert (found.uncertainty[1:, 0] < 0.3).all()
+
+
+def test_a_long_track_does_not_drift():
+    trial = make_trial(lantern(), variance=0, seed=2)
+    track = Track(10)
+    for frame, shift in zip(trial.distance, trial.shifts, strict=True):
+        track.add(frame, None, shift)
+    rounds = []
+    for _ in range(40):
+        found = [
+            track.follow(frame, None, shift)
+            for frame, shift in zip(trial.distance, trial.shifts, strict=True)
+        ]
+        rounds.append(np.mean(found - trial.shifts, axis=0))
+    assert np.abs(rounds[-1] - rounds[0]).max() < 0.015

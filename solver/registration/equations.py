@@ -1,4 +1,4 @@
-"""One Gauss–Newton step of every frame against the mosaic."""
+"""The normal equations of a Gauss–Newton step of every frame against the mosaic."""
 
 from dataclasses import dataclass
 
@@ -6,16 +6,18 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.registration.mosaic import STEEP, UNSEEN, WITHIN, Mosaic, Place
+from solver.registration.grid import Place
+from solver.registration.mosaic import Mosaic
 from solver.registration.motion import Motion
 from solver.registration.points import Points
+from solver.registration.steepness import STEEP, UNSEEN
+from solver.registration.sums import WITHIN
 
 Float = NDArray[np.float64]
 
 HUBER = 1.5  # deviations beyond which a residual counts linearly
 POSITION_ERROR = 0.05  # pixels; the mosaic's error beside an edge, as a displacement
 BLOCK = 512  # samples at a time, which stay in the nearest cache
-OBSERVABLE = 1.0  # times what independent noise would add; on a plain wall a mosaic shows half of that
 WEAK = 2.0  # deviations per pixel: where the mosaic is flatter, its slope is mostly noise
 
 
@@ -232,32 +234,3 @@ def _sum_turns(terms, used, jacobian, sums):  # type: ignore[no-untyped-def]
             sums[upper] += matrix
             sums[9 + upper] += noise
             upper += 1
-
-
-def solve_steps(equations: Equations, anchor: Float, stiffness: Float, unit: Float) -> tuple[Float, Float]:
-    """Steps (N, 3) and covariances (N, 3, 3).
-
-    Along an edge, or on a plain wall, what looks like a slope is the mosaic's noise, and would lead a step
-    anywhere. So a direction counts only where the normal matrix exceeds its noise part several times (a
-    generalised eigenvalue problem); elsewhere the prior decides.
-
-    Args:
-        equations: of the present parameters.
-        anchor: (N, 3) prior minus present parameters.
-        stiffness: (3,) 1/σ² of the prior.
-        unit: (3,) size of each parameter that moves the image by about a pixel.
-    """
-    scale = unit[:, None] * unit
-    matrix, noise = equations.matrix * scale, equations.noise * scale
-    small = 1e-9 * np.trace(matrix + noise, axis1=1, axis2=2) + 1e-12
-    root = np.linalg.cholesky(noise + small[:, None, None] * np.eye(3))
-    inverse = np.linalg.inv(root)
-    ratio, vectors = np.linalg.eigh(inverse @ matrix @ inverse.transpose(0, 2, 1))
-    seen = (ratio > OBSERVABLE).astype(np.float64)
-    axes = root @ vectors
-    useful = (axes * (seen * ratio)[:, None]) @ axes.transpose(0, 2, 1)
-    pull = (vectors.transpose(0, 2, 1) @ inverse @ (equations.right * unit)[:, :, None])[:, :, 0] * seen
-    right = (axes @ pull[:, :, None])[:, :, 0] + anchor * stiffness * unit
-    covariance = np.linalg.inv(useful + np.diag(stiffness * unit**2))
-    steps = (covariance @ right[:, :, None])[:, :, 0] * unit
-    return np.asarray(steps, np.float64), np.asarray(covariance * scale, np.float64)
