@@ -150,7 +150,7 @@ def minimise(
         history = history[:count]
         if progress is not None:
             progress(count, float(history[-1]) * scale, None)
-    state.epsilon = float(numbers[loop.EPSILON])
+    state.epsilon, fit = float(numbers[loop.EPSILON]), float(numbers[loop.FIT])
     gap = float("nan")
     if certify:
         dual = prior.duals(state.x, state.radius, state.slope, state.epsilon)
