@@ -105,7 +105,10 @@ def minimise_reweighted(
         ends.append((unit.outward(state.x), state.epsilon))
         if not last:
             state.slope = slope(state.x, plan.edge)
-            state.radius[...] = plan.gain / (1 + prior.norms(state.x, state.slope) / plan.epsilon)
+            norms = prior.norms(state.x, state.slope)
+            norms *= norms.dtype.type(1 / plan.epsilon)
+            norms += 1
+            np.divide(plan.gain, norms, out=state.radius)
             state.epsilon = 0.0
     maps, epsilons = zip(*ends, strict=True)
     return replace(outcome, iterations=done), Trail(maps, epsilons)

@@ -98,18 +98,16 @@ def accumulate(values, weights, positions, scale, offset, stencil, right_side): 
     return ranges[..., 1].max() >= 0
 
 
-@njit(parallel=True, cache=True)
-def residuals(values, weights, positions, scale, offset, blurred):  # type: ignore[no-untyped-def]
-    """(5,) sums over the samples in float64: Ω, Ω y, Ω A X, Ω (y − A X)², Ω (y² − (A X)²), of one channel.
+@njit(nogil=True, cache=True)
+def residuals(rank, size, values, weights, positions, scale, offset, blurred, sums):  # type: ignore[no-untyped-def]
+    """sums (N · H, C, 5) ← Ω, Ω y, Ω A X, Ω (y − A X)², Ω (y² − (A X)²) by row and channel, in float64.
 
-    Args: values (N, H, W); blurred (nodes + 2, nodes + 2); the others as in `accumulate`.
+    Args: values (C, N, H, W); blurred (C, nodes + 2, nodes + 2); the others as in `accumulate`.
     """
-    frames, rows, columns = values.shape
-    node_rows, node_columns = blurred.shape[0] - 2, blurred.shape[1] - 2
-    sums = np.zeros((frames * rows, 5))
-    for line in prange(frames * rows):
+    channels, frames, rows, columns = values.shape
+    node_rows, node_columns = blurred.shape[1] - 2, blurred.shape[2] - 2
+    for line in range(rank * frames * rows // size, (rank + 1) * frames * rows // size):
         k, i = line // rows, line % rows
-        total, data, fit, square, rest = 0.0, 0.0, 0.0, 0.0, 0.0
         for j in range(columns):
             weight = float(weights[k, i, j])
             if weight <= 0:
@@ -119,15 +117,13 @@ def residuals(values, weights, positions, scale, offset, blurred):  # type: igno
             if u < 0 or v < 0:
                 continue
             u, v = u + 1, v + 1
-            y = float(values[k, i, j])
-            upper = (1 - fv) * blurred[u, v] + fv * blurred[u, v + 1]
-            lower = (1 - fv) * blurred[u + 1, v] + fv * blurred[u + 1, v + 1]
-            model = (1 - fu) * upper + fu * lower
-            total += weight
-            data += weight * y
-            fit += weight * model
-            square += weight * (y - model) * (y - model)
-            rest += weight * (y - model) * (y + model)
-        sums[line, 0], sums[line, 1], sums[line, 2] = total, data, fit
-        sums[line, 3], sums[line, 4] = square, rest
-    return sums.sum(axis=0)
+            for c in range(channels):
+                y, out = float(values[c, k, i, j]), sums[line, c]
+                upper = (1 - fv) * blurred[c, u, v] + fv * blurred[c, u, v + 1]
+                lower = (1 - fv) * blurred[c, u + 1, v] + fv * blurred[c, u + 1, v + 1]
+                model = (1 - fu) * upper + fu * lower
+                out[0] += weight
+                out[1] += weight * y
+                out[2] += weight * model
+                out[3] += weight * (y - model) * (y - model)
+                out[4] += weight * (y - model) * (y + model)

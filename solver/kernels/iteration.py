@@ -100,9 +100,7 @@ def _compiled(sources: str):  # type: ignore[no-untyped-def]
             if not diagonal:
                 for c in range(channels):
                     apply(top, end, direction[c], stencil, none, taps, taps_size, two, curved[c])
-            bends(
-                top, end, direction, step, curvature, diagonal, curved, curved_step, stiffness, up, sums[1]
-            )
+            bends(top, end, direction, step, curvature, diagonal, curved, curved_step, stiffness, up, sums[1])
             meet(barrier, size)
             roughness, hidden, along, across, data_along, data_across = _total(sums[0])
             s = _total(sums[1])
