@@ -75,12 +75,14 @@ class AreaTerm:
         nodes = (rows - self._size + 3, columns - self._size + 3)
         self._scale, self._offset = float(factor), self.margin - self._size / 2
         self._stencil, self._side = np.zeros((5, *nodes), kind), np.zeros((len(values), *nodes), kind)
-        if not kernels.accumulate(
-            values, weights, positions, self._scale, self._offset, self._stencil, self._side
-        ):
+        place = (self._scale, self._offset)
+        spans = kernels.ranges(weights, positions, *place, nodes[0] - 2, nodes[1] - 2)
+        if spans[..., 1].max() < 0:
             raise FusionInputError(
                 "no valid pixel falls on the grid of frame 0; expected shifts smaller than the image"
             )
+        samples = (values, weights, positions)
+        team.share(kernels.accumulate, *samples, *place, spans, self._stencil, self._side)
         self._blurred = np.zeros((len(values), *nodes), kind)
         # A footprint's row sum bounds its curvature; half of it was measured to need the fewest iterations.
         inside = np.zeros((1, rows + 2 * PAD, columns + 2 * PAD), kind)

@@ -102,7 +102,7 @@ def _fall(values, down, fall, right, run):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
 def extent(rank, size, dual, radius, weights, tilt, sums):  # type: ignore[no-untyped-def]
-    """sums (2, rows) ← the largest (‖group‖ / radius)² of all channels' duals, and −⟨duals, slope⟩, by row."""
+    """sums (2, rows) ← by row the largest (‖group‖ / radius)² of all channels' duals, and −⟨duals, slope⟩."""
     channels, rows, n = dual.shape[0], dual.shape[2] - 4, dual.shape[3] - 4
     x_type, square = dual.dtype.type, np.empty(n, dual.dtype)
     for row in range(rank * rows // size, (rank + 1) * rows // size):
