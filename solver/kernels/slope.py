@@ -1,6 +1,5 @@
 """What each pixel has to say of the slope around it (see `solver.slope`)."""
 
-import numpy as np
 from numba import njit
 
 
