@@ -119,8 +119,8 @@ def assign(rank, size, z, taps, least, step, contrast, off_line, out):  # type: 
         for i in range(top, end):
             for k in range(3):
                 _blur(tensors[k], i - top, taps, lines[0], smooth[k])
-            out[:, i] = z[:, i]
             for j in range(columns):
+                out[0, i, j], out[1, i, j] = z[0, i, j], z[1, i, j]
                 if smooth[0, j] + smooth[1, j] > least:
                     tensor = (smooth[0, j], smooth[1, j], smooth[2, j])
                     _settle(z, i, j, *tensor, step, contrast, off_line, out)
