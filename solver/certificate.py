@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.fft import dctn, idctn
 
 from solver.kernels import dual as duals
+from solver.kernels import team
 
 _SMALL = 100_000
 """Pixels up to which one thread transforms faster than two."""
@@ -25,7 +26,7 @@ def slope(dual: NDArray[np.floating], weights: NDArray[np.floating]) -> NDArray[
     """∇ᵀ dual without padding, (C, rows, columns), for dual (C, 6, rows + 4, columns + 4)."""
     out = np.empty((len(dual), dual.shape[2] - 4, dual.shape[3] - 4), dual.dtype)
     for channel, variables in enumerate(dual):
-        duals.transpose(variables, weights.astype(np.float64), out[channel])
+        team.share(duals.transpose, variables, weights.astype(np.float64), out[channel])
     return out
 
 
@@ -49,9 +50,10 @@ def shrinkage(
     """
     for channel, padded in zip(excess, dual, strict=True):
         potential = _poisson(channel, float(weights[1]) ** 2, float(weights[0]) ** 2)
-        duals.carry(padded, potential, weights.astype(dual.dtype))
-    most, lift = duals.extent(dual, radius, weights.astype(dual.dtype), tilt)
-    return float(1 / np.sqrt(max(1.0, most))), float(lift)
+        team.share(duals.carry, padded, potential, weights.astype(dual.dtype))
+    sums = np.zeros((2, excess.shape[1]))
+    team.share(duals.extent, dual, radius, weights.astype(dual.dtype), tilt, sums)
+    return float(1 / np.sqrt(max(1.0, sums[0].max()))), float(sums[1].sum())
 
 
 def _poisson(source: NDArray[np.floating], down: float, right: float) -> NDArray[np.floating]:

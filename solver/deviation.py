@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.kernels import deviation as kernels
-from solver.kernels import sparse
+from solver.kernels import sparse, team
 from solver.problem import Problem, Solution
 
 _LEVEL, _SLOPED = (0.33, 0.14, 0.21), {"area": (0.18, 0.03, 0.03), "phasor": (0.17, 0.03, 0.08)}
@@ -64,10 +64,11 @@ def deviation(
     smoothing = 1.0 if relative is None else float(np.hypot(floor, share / relative))
     frames = len(problem.distance) if problem.options.method in _SINGLE else 1
     steep = np.empty_like(distance)
-    kernels.steepness(distance, steep)
+    team.share(kernels.steepness, distance, steep)
     spread = cv2.blur(steep, window, borderType=cv2.BORDER_REFLECT)
     each = factor**2 / frames  # samples, for one on average
-    kernels.combine(
+    team.share(
+        kernels.combine,
         near,
         np.float32(smoothing * usual / np.sqrt(each)),
         np.float32(_LEAST / each),

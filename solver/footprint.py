@@ -75,13 +75,15 @@ class AreaTerm:
         nodes = (rows - self._size + 3, columns - self._size + 3)
         self._scale, self._offset = float(factor), self.margin - self._size / 2
         self._stencil, self._side = np.zeros((5, *nodes), kind), np.zeros((len(values), *nodes), kind)
-        if not kernels.accumulate(
-            values, weights, positions, self._scale, self._offset, self._stencil, self._side
-        ):
+        place = (self._scale, self._offset)
+        spans = kernels.ranges(weights, positions, *place, nodes[0] - 2, nodes[1] - 2)
+        if spans[..., 1].max() < 0:
             raise FusionInputError(
                 "no valid pixel falls on the grid of frame 0; expected shifts smaller than the image"
             )
-        self._blurred = np.zeros(nodes, kind)
+        samples = (values, weights, positions)
+        team.share(kernels.accumulate, *samples, *place, spans, self._stencil, self._side)
+        self._blurred = np.zeros((len(values), *nodes), kind)
         # A footprint's row sum bounds its curvature; half of it was measured to need the fewest iterations.
         inside = np.zeros((1, rows + 2 * PAD, columns + 2 * PAD), kind)
         inside[:, PAD:-PAD, PAD:-PAD] = 1
@@ -100,12 +102,12 @@ class AreaTerm:
     def _transform(
         self, x: NDArray[np.floating], side: NDArray[np.floating], out: NDArray[np.floating]
     ) -> None:
-        team.run(blur.transform, x, self._stencil, side, self._taps, self._size, x.dtype.type(2), out)
+        team.share(blur.transform, x, self._stencil, side, self._taps, self._size, x.dtype.type(2), out)
 
     def mean(self) -> NDArray[np.floating]:
         """(C, rows, columns): the mean of the samples that see each pixel; beyond them, the nearest's."""
         pull = np.zeros((len(self._side), *self.curvature.shape), self.curvature.dtype)
-        self.gradient(np.zeros_like(pull), pull)
+        self.gradient(np.zeros(pull.shape, pull.dtype), pull)
         inner = slice(PAD, -PAD)
         weight = 2 * self.curvature[inner, inner]
         return ratio(np.negative(pull[:, inner, inner]), weight, 1e-3 * float(weight.max()))
@@ -114,7 +116,7 @@ class AreaTerm:
         return float(self._sums(x)[:, 3].sum())
 
     def certify(self, state: State, dual: NDArray[np.floating], prior: Prior) -> tuple[float, float]:
-        pull = np.zeros_like(state.x)
+        pull = np.zeros(state.x.shape, state.x.dtype)
         self.gradient(state.x, pull)
         return self.bound(state, dual, prior, pull, np.zeros(2))
 
@@ -137,8 +139,9 @@ class AreaTerm:
         offset = (data - fit) / total
         excess = slope(dual, prior.weights)
         for channel, own, move in zip(excess, pull, offset, strict=True):
-            total_excess = duals.add_scaled(channel, own, self.curvature, channel.dtype.type(2 * move))
-            channel -= channel.dtype.type(total_excess / channel.size)
+            sums, factor = np.zeros(len(channel)), channel.dtype.type(2 * move)
+            team.share(duals.add_scaled, channel, own, self.curvature, factor, sums)
+            channel -= channel.dtype.type(sums.sum() / channel.size)
         most, lift = shrinkage(dual, state.radius, prior.weights, excess, state.slope)
         # r = 2 Ω (y − A X) has Σ r y = Σ Ω (y − A X)² + Σ Ω (y² − (A X)²), Σ r² / (4 Ω) = Σ Ω (y − A X)².
         moved = float((square - offset**2 * total).sum() + more[0])
@@ -148,12 +151,10 @@ class AreaTerm:
 
     def _sums(self, x: NDArray[np.floating]) -> NDArray[np.float64]:
         """(C, 5), see `kernels.residuals`."""
-        sums = []
-        for channel, values in zip(x, self._values, strict=True):
-            blur.blur(channel, self._taps, self._size, self._blurred)
-            sums.append(
-                kernels.residuals(
-                    values, self._weights, self._positions, self._scale, self._offset, self._blurred
-                )
-            )
-        return np.array(sums)
+        for channel, blurred in zip(x, self._blurred, strict=True):
+            blur.blur(channel, self._taps, self._size, blurred)
+        frames, rows = self._weights.shape[:2]
+        sums = np.zeros((frames * rows, len(x), 5))
+        samples = (self._values, self._weights, self._positions)
+        team.share(kernels.residuals, *samples, self._scale, self._offset, self._blurred, sums)
+        return np.asarray(sums.sum(axis=0))

@@ -110,8 +110,17 @@ class Outcome:
 
 def start(initial: Image) -> State:
     """A state at the map (C, rows, columns)."""
-    x = np.ascontiguousarray(np.pad(initial, [(0, 0), (PAD,) * 2, (PAD,) * 2]))
+    x = padded(initial)
     return State(x, np.ones_like(x[0]), level(x))
+
+
+def padded(image: Image) -> Image:
+    """(C, rows + 4, columns + 4): the image (C, rows, columns) within `PAD` zeros on every side."""
+    channels, rows, columns = image.shape
+    # np.pad takes longer than a small image's kernels.
+    out = np.zeros((channels, rows + 2 * PAD, columns + 2 * PAD), image.dtype)
+    out[:, PAD:-PAD, PAD:-PAD] = image
+    return out
 
 
 def minimise(
@@ -163,8 +172,13 @@ def minimise(
 
 
 def _first_epsilon(norms: Image) -> float:
-    mean = float(norms[PAD : -PAD, PAD : -PAD].mean())
+    mean = float(norms[PAD:-PAD, PAD:-PAD].mean())
     return min(max(mean, _LEAST), _EPSILON) if mean > 0 else _EPSILON
+
+
+def _zeros(like: Image) -> Image:
+    """Fresh memory, which is zero by itself: np.zeros_like would walk it all."""
+    return np.zeros(like.shape, like.dtype)
 
 
 class _Descent:
@@ -180,10 +194,10 @@ class _Descent:
             self._data, curved = operator.mean, (none, none)
         else:
             self._footprint = operator.footprint
-            self._data, curved = np.zeros_like(x), (np.zeros_like(x), np.zeros_like(x))
+            self._data, curved = _zeros(x), (_zeros(x), _zeros(x))
         self._ties = operator.ties or (np.zeros((6, 0, 0), np.uint8), np.zeros(0, x.dtype), none)
-        self._step = np.zeros_like(x)
-        self._work = (np.zeros_like(x), *curved, np.zeros_like(state.radius))
+        self._step = _zeros(x)
+        self._work = (_zeros(x), *curved, _zeros(state.radius))
         self._sums = np.zeros((2, x.shape[1] - 4, 6))
 
     def iterate(

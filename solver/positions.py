@@ -5,6 +5,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solver.errors import FusionInputError
+from solver.kernels import team
 from solver.lens import camera_matrix, distort, lens_coefficients, pixel_rays, tilt_matrix
 
 
@@ -55,7 +56,7 @@ def rotated_positions(
     matrices = rotation_matrix(rotations)
     rays = pixel_rays(shape, K, lens)
     positions = np.empty((len(rotations), *shape, 2), dtype=np.float32)
-    _project(rays, matrices, K, lens, tilt_matrix(lens), bool(lens.any()), positions)
+    team.share(_project, rays, matrices, K, lens, tilt_matrix(lens), bool(lens.any()), positions)
     return positions
 
 
@@ -119,10 +120,11 @@ def _shifted(shape: tuple[int, int, int], shifts: NDArray[np.float64]) -> NDArra
     return positions
 
 
-@numba.njit(cache=True, parallel=True)
-def _project(rays, matrices, K, lens, tilt, distorted, positions):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True)
+def _project(rank, size, rays, matrices, K, lens, tilt, distorted, positions):  # type: ignore[no-untyped-def]
     height, width = rays.shape[:2]
-    for item in numba.prange(matrices.shape[0] * height):
+    lines = matrices.shape[0] * height
+    for item in range(rank * lines // size, (rank + 1) * lines // size):
         k, i = item // height, item % height
         R = matrices[k]
         for j in range(width):

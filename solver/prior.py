@@ -5,12 +5,15 @@ G(l, m) = (X(u, v) − X(u + l, v + m)) / √(l² + m²); differences that leave
 channels of one map share a group.
 """
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.kernels import dual
+from solver.kernels import dual, team
 from solver.kernels import prior as kernels
 from solver.options import NEIGHBOURHOOD, Offset
 
@@ -21,11 +24,12 @@ class Prior:
 
     offsets: tuple[Offset, ...] = NEIGHBOURHOOD
 
-    @property
+    @cached_property
     def weights(self) -> NDArray[np.float32]:
         """(6,): 1 / √(l² + m²) by offset of `NEIGHBOURHOOD`, 0 for those not chosen."""
         return np.array(
-            [1 / np.hypot(*offset) if offset in self.offsets else 0.0 for offset in NEIGHBOURHOOD], np.float32
+            [1 / math.hypot(*offset) if offset in self.offsets else 0.0 for offset in NEIGHBOURHOOD],
+            np.float32,
         )
 
     def value(
@@ -39,7 +43,7 @@ class Prior:
     ) -> NDArray[np.floating]:
         """(rows + 4, columns + 4): ‖∇x − slope‖₂ by pixel of a padded map."""
         out: NDArray[np.floating] = np.zeros(x.shape[1:], x.dtype)
-        kernels.norms(x, level(x) if slope is None else slope, self.tables(x), out)
+        team.share(kernels.norms, x, level(x) if slope is None else slope, self.tables(x), out)
         return out
 
     def duals(
@@ -53,14 +57,21 @@ class Prior:
 
         Its groups lie within balls of that radius, so it is a feasible dual variable.
         """
-        stiffness = radius / np.maximum(self.norms(x, slope), x.dtype.type(epsilon))
+        norms, floor = self.norms(x, slope), x.dtype.type(epsilon)
         out: NDArray[np.floating] = np.zeros((len(x), len(NEIGHBOURHOOD), *x.shape[1:]), x.dtype)
-        dual.duals(x, slope, stiffness, self.tables(x), out)
+        team.share(dual.duals, x, slope, norms, radius, floor, self.tables(x), out)
         return out
 
     def tables(self, x: NDArray[np.floating]) -> NDArray[np.floating]:
         """`up` of `solver.kernels.prior` for a padded map."""
-        return kernels.tables(self.weights.astype(x.dtype), x.shape[2] - 4)
+        kind = (x.dtype, x.shape[2] - 4)
+        if kind not in self._tables:
+            self._tables[kind] = kernels.tables(self.weights.astype(x.dtype), x.shape[2] - 4)
+        return self._tables[kind]
+
+    @cached_property
+    def _tables(self) -> dict[tuple[np.dtype[Any], int], NDArray[np.floating]]:
+        return {}
 
 
 def level(x: NDArray[np.floating]) -> NDArray[np.floating]:

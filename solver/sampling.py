@@ -13,8 +13,9 @@ from solver.certificate import slope
 from solver.errors import FusionInputError
 from solver.kernels import bound as bounds
 from solver.kernels import sparse as kernels
+from solver.kernels import team
 from solver.kernels.prior import PAD
-from solver.memory_gradient import Operator, State
+from solver.memory_gradient import Operator, State, padded
 from solver.prior import Prior
 
 _SWEEPS = 8
@@ -78,17 +79,20 @@ class SparseTerm:
         return Operator(None, self._mean[None])
 
     def value(self, x: NDArray[np.floating]) -> float:
-        return float(kernels.misfit(x[0], self._weight, self._mean)) + self._constant
+        sums = np.zeros(x.shape[1] - 2 * PAD)
+        team.share(kernels.misfit, x[0], self._weight, self._mean, sums)
+        return float(sums.sum()) + self._constant
 
     def certify(self, state: State, dual: NDArray[np.floating], prior: Prior) -> tuple[float, float]:
         """See `Term`; the duals are changed."""
         # Where there is no sample the duals' divergence has to be 0; around it, any is allowed.
         phi = bounds.potential(slope(dual, prior.weights)[0], self._weight, _SWEEPS)
-        bounds.correct(dual[0], phi, prior.weights[:2].astype(dual.dtype), state.radius)
+        team.share(bounds.correct, dual[0], phi, prior.weights[:2].astype(dual.dtype), state.radius)
         tilt = slope(dual, prior.weights)[0]
-        least = float(bounds.least(tilt, self._weight, self._mean, self._low, self._high)) + self._constant
-        return self.value(state.x), least
+        sums = np.zeros(len(tilt))
+        team.share(bounds.least, tilt, self._weight, self._mean, self._low, self._high, sums)
+        return self.value(state.x), float(sums.sum()) + self._constant
 
 
 def _pad(image: NDArray[np.floating]) -> NDArray[np.floating]:
-    return np.ascontiguousarray(np.pad(image, PAD))
+    return np.asarray(padded(image[None])[0])

@@ -9,6 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.kernels import slope as kernels
+from solver.kernels import team
+
 _REACH = 5.0
 """Deviation of the Gaussian that averages slopes, fused pixels: over one low-resolution pixel at ×4."""
 
@@ -23,18 +26,14 @@ def slope(x: NDArray[np.floating], edge: float) -> NDArray[np.floating]:
     Returns:
         (C, 2, rows + 4, columns + 4), zero in the padding.
     """
-    inner = x[:, 2:-2, 2:-2]
-    rises = np.zeros((len(x), 2, *inner.shape[1:]), x.dtype)
-    rises[:, 0, :-1] = np.diff(inner, axis=1)
-    rises[:, 1, :, :-1] = np.diff(inner, axis=2)
-    rises[:, 0, -1:], rises[:, 1, :, -1:] = rises[:, 0, -2:-1], rises[:, 1, :, -2:-1]
-    square = (rises**2).sum(axis=(0, 1)) / x.dtype.type(edge) ** 2
-    say = 1 / (1 + square) ** 2
-    total = _average(say) + np.finfo(np.float32).tiny
-    out = np.zeros((len(x), 2, *x.shape[1:]), x.dtype)
-    for channel, pair in enumerate(rises):
-        for axis, rise in enumerate(pair):
-            out[channel, axis, 2:-2, 2:-2] = _average(say * rise) / total
+    channels, rows, columns = len(x), x.shape[1] - 4, x.shape[2] - 4
+    votes = np.empty((1 + 2 * channels, rows, columns), x.dtype)
+    team.share(kernels.votes, x, x.dtype.type(1 / edge**2), votes)
+    total = _average(votes[0])
+    total += np.finfo(np.float32).tiny
+    out = np.zeros((channels, 2, *x.shape[1:]), x.dtype)
+    for number, vote in enumerate(votes[1:]):
+        np.divide(_average(vote), total, out=out[number // 2, number % 2, 2:-2, 2:-2])
     return out
 
 

@@ -63,11 +63,11 @@ class Ties:
         kind = x.dtype.type
         weights = prior.weights.astype(x.dtype) ** 2
         sizes: Image = np.empty((len(weights), x.shape[1] - 2 * PAD, x.shape[2] - 2 * PAD), x.dtype)
-        team.run(kernels.differences, x, slope, prior.tables(x), sizes)
+        team.share(kernels.differences, x, slope, prior.tables(x), sizes)
         for size in sizes:
             cv2.GaussianBlur(size, (0, 0), _REACH, dst=size)
         levels = np.zeros((len(weights), *x.shape[1:]), np.uint8)
-        team.run(kernels.level, sizes, freed, kind(1 / across), levels)
+        team.share(kernels.level, sizes, freed, kind(1 / across), levels)
         return cls(levels, weights * kind(strength / 255), slope)
 
 
@@ -87,7 +87,7 @@ class Tied:
     def gradient(self, x: Image, out: Image) -> None:
         """out ← the gradient at the padded map x."""
         self._term.gradient(x, out)
-        team.run(kernels.pull_all, x, self._ties.levels, self._ties.unit, out)
+        team.share(kernels.pull_all, x, self._ties.levels, self._ties.unit, out)
         out += self._lift
 
     def value(self, x: Image) -> float:

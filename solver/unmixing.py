@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.kernels import mixing as kernels
+from solver.kernels import team
 
 _STEP = 1.5
 """Fused pixels from the edge at which one surface is seen alone; 2 and more miss thin parts (measured)."""
@@ -36,5 +37,5 @@ def unmix(z: NDArray[np.float32]) -> NDArray[np.float32]:
     # The trace of the structure tensor is the mean square of eight times the gradient.
     least = (8 * _FAINT * _CONTRAST / (2 * _STEP)) ** 2
     out = np.empty_like(z)
-    kernels.assign(z, _TAPS, least, _STEP, _CONTRAST, _OFF_LINE, out)
+    team.share(kernels.assign, z, _TAPS, least, _STEP, _CONTRAST, _OFF_LINE, out)
     return out

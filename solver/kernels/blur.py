@@ -113,7 +113,7 @@ def apply(top, end, x, stencil, side, taps, size, factor, on_the_way, resume, ou
 
 
 @njit(nogil=True, cache=True)
-def transform(rank, threads, barrier, x, stencil, side, taps, size, factor, out):  # type: ignore[no-untyped-def]  # noqa: ARG001
+def transform(rank, threads, x, stencil, side, taps, size, factor, out):  # type: ignore[no-untyped-def]
     """`apply` to every channel of x (C, …) by a team; side (C, …) or (C, 0, 0)."""
     rows = x.shape[1] - 4
     top, end, own = rank * rows // threads, (rank + 1) * rows // threads, rings(x.shape[2] - 4, taps, size)

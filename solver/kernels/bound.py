@@ -4,7 +4,7 @@
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 
 @njit(cache=True, fastmath=True)
@@ -36,8 +36,8 @@ def potential(excess, weight, sweeps):  # type: ignore[no-untyped-def]
     return phi
 
 
-@njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
-def correct(dual, phi, unit, radius):  # type: ignore[no-untyped-def]
+@njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
+def correct(rank, size, dual, phi, unit, radius):  # type: ignore[no-untyped-def]
     """Take the differences of φ off the unit differences of `dual`, and bring every group into its ball.
 
     Args:
@@ -46,7 +46,7 @@ def correct(dual, phi, unit, radius):  # type: ignore[no-untyped-def]
     """
     rows, n = phi.shape[0] - 2, phi.shape[1] - 2
     across, along = 1 / unit[0], 1 / unit[1]
-    for row in prange(rows):
+    for row in range(rank * rows // size, (rank + 1) * rows // size):
         i = row + 2
         factor = np.zeros(n, dual.dtype)
         here, right, below = phi[row + 1, 1:-1], phi[row + 1, 2:], phi[row + 2, 1:-1]
@@ -68,16 +68,15 @@ def correct(dual, phi, unit, radius):  # type: ignore[no-untyped-def]
                 p[j] *= factor[j]
 
 
-@njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
-def least(slope, weight, mean, low, high):  # type: ignore[no-untyped-def]
-    """Σ over pixels of the least w (x − m)² + slope · x over x in [low, high], in float64.
+@njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
+def least(rank, size, slope, weight, mean, low, high, sums):  # type: ignore[no-untyped-def]
+    """sums (rows,) ← Σ of the least w (x − m)² + slope · x over x in [low, high], by row in float64.
 
     The bounds are those of the data: clipping a map to them lowers every term of the objective, so they
     change no minimum, and they keep the sum finite where no sample falls (w = 0). slope (rows, columns).
     """
     rows, n = slope.shape
-    sums = np.zeros(rows)
-    for row in prange(rows):
+    for row in range(rank * rows // size, (rank + 1) * rows // size):
         i, total = row + 2, 0.0
         weights, means, slopes = weight[i, 2 : 2 + n], mean[i, 2 : 2 + n], slope[row]
         for j in range(n):
@@ -87,4 +86,3 @@ def least(slope, weight, mean, low, high):  # type: ignore[no-untyped-def]
             best = min(max(free, low), high)
             total += w * (best - m) * (best - m) + z * best
         sums[row] = total
-    return sums.sum()

@@ -1,16 +1,16 @@
 """The deviation map: how steep the fused map is, and one deviation per pixel from that and the samples."""
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from solver.kernels.prior import COLUMNS, ROWS
 
 
-@njit(parallel=True, fastmath=True, cache=True)
-def steepness(x, out):  # type: ignore[no-untyped-def]
+@njit(nogil=True, fastmath=True, cache=True)
+def steepness(rank, size, x, out):  # type: ignore[no-untyped-def]
     """out ← ‖∇x‖₂ by pixel of (rows, columns), the differences of `solver.prior`."""
     rows, columns = x.shape
-    for i in prange(rows):
+    for i in range(rank * rows // size, (rank + 1) * rows // size):
         target = out[i]
         target[:] = 0
         for k in range(6):
@@ -26,8 +26,8 @@ def steepness(x, out):  # type: ignore[no-untyped-def]
             target[j] = np.sqrt(target[j])
 
 
-@njit(parallel=True, fastmath={"contract", "arcp", "reassoc", "nsz"}, cache=True, error_model="numpy")
-def combine(samples, noise, least, steep, shift, away, scale, most, distance):  # type: ignore[no-untyped-def]
+@njit(nogil=True, fastmath={"contract", "arcp", "reassoc", "nsz"}, cache=True, error_model="numpy")
+def combine(rank, size, samples, noise, least, steep, shift, away, scale, most, distance):  # type: ignore[no-untyped-def]
     """steep ← √(noise² / samples + (shift · steep)²), doubled with each unit that the nearest sample is away.
 
     Both it and distance become NaN further away than `most` units; images (rows, columns).
@@ -38,7 +38,7 @@ def combine(samples, noise, least, steep, shift, away, scale, most, distance):  
     """
     rows, columns = steep.shape
     double = np.float32(np.log(2.0))
-    for i in prange(rows):
+    for i in range(rank * rows // size, (rank + 1) * rows // size):
         n, s, a, d = samples[i], steep[i], away[i], distance[i]
         for j in range(columns):
             s[j] = np.sqrt(noise * noise / max(n[j], least) + shift * shift * s[j] * s[j])

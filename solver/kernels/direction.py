@@ -55,7 +55,21 @@ def _misfit(x, mean, curvature, out):  # type: ignore[no-untyped-def]
 
 @njit
 def descend(  # type: ignore[no-untyped-def]
-    top, end, x, slope, radius, epsilon, up, weights, curvature, diagonal, data, step, stiffness, direction, sums
+    top,
+    end,
+    x,
+    slope,
+    radius,
+    epsilon,
+    up,
+    weights,
+    curvature,
+    diagonal,
+    data,
+    step,
+    stiffness,
+    direction,
+    sums,
 ):
     """Stiffness and preconditioned descent direction in rows top to end.
 

@@ -1,34 +1,56 @@
 """The dual variables of the group prior, six differences a pixel in one group, and ∇ᵀ of them."""
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from solver.kernels.prior import COLUMNS, ROWS
 
 
-@njit(parallel=True, fastmath=True, cache=True)
-def duals(x, slope, stiffness, up, out):  # type: ignore[no-untyped-def]
-    """out (C, 6, rows + 4, columns + 4) ← stiffness · (∇x − slope), every group in its ball."""
+@njit(fastmath=True)
+def _subtract(a, b, out):  # type: ignore[no-untyped-def]
+    for j in range(out.size):
+        out[j] = a[j] - b[j]
+
+
+@njit(fastmath=True)
+def _add_fall(down, fall, right, run, out):  # type: ignore[no-untyped-def]
+    for j in range(out.size):
+        out[j] += down * fall[j] + right * run[j]
+
+
+@njit(fastmath=True)
+def _scale(a, b, out):  # type: ignore[no-untyped-def]
+    for j in range(out.size):
+        out[j] *= a[j] * b[j]
+
+
+@njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
+def duals(rank, size, x, slope, norms, radius, epsilon, up, out):  # type: ignore[no-untyped-def]
+    """out (C, 6, rows + 4, columns + 4) ← radius · (∇x − slope) / max(norms, ε), every group in its ball."""
     channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
-    for row in prange(rows):
+    x_type, slack = x.dtype.type, np.empty(n, x.dtype)
+    for row in range(rank * rows // size, (rank + 1) * rows // size):
         i, weights = row + 2, np.sqrt(up[max(0, row + 3 - rows)])
+        for j in range(n):
+            slack[j] = radius[i, 2 + j] / max(norms[i, 2 + j], epsilon)
         for c in range(channels):
             for k in range(6):
                 down, right = ROWS[k], COLUMNS[k]
                 here, there = x[c, i, 2 : 2 + n], x[c, i + down, 2 + right : 2 + right + n]
-                for j in range(n):
-                    difference = here[j] - there[j]
-                    if slope.shape[2] > 0:
-                        difference += down * slope[c, 0, i, 2 + j] + right * slope[c, 1, i, 2 + j]
-                    out[c, k, i, 2 + j] = stiffness[i, 2 + j] * weights[k, j] * difference
+                target = out[c, k, i, 2 : 2 + n]
+                _subtract(here, there, target)
+                if slope.shape[2] > 0:
+                    fall, run = slope[c, 0, i, 2 : 2 + n], slope[c, 1, i, 2 : 2 + n]
+                    _add_fall(x_type(down), fall, x_type(right), run, target)
+                _scale(slack, weights[k], target)
 
 
-@njit(parallel=True, fastmath=True, cache=True)
-def transpose(dual, weights, out):  # type: ignore[no-untyped-def]
+@njit(nogil=True, fastmath=True, cache=True)
+def transpose(rank, size, dual, weights, out):  # type: ignore[no-untyped-def]
     """out (rows, columns) ← ∇ᵀ dual, one channel (6, rows + 4, columns + 4), in out's precision."""
     rows, n = out.shape
     w0, w1, w2, w3, w4, w5 = weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
-    for row in prange(rows):
+    for row in range(rank * rows // size, (rank + 1) * rows // size):
         i = row + 2
         a0, b0 = dual[0, i, 2 : 2 + n], dual[0, i, 1 : 1 + n]
         a1, b1 = dual[1, i, 2 : 2 + n], dual[1, i - 1, 2 : 2 + n]
@@ -50,11 +72,11 @@ def divide(spectrum, row, column):  # type: ignore[no-untyped-def]
             spectrum[i, j] /= row[i] + column[j] if i + j > 0 else spectrum.dtype.type(np.inf)
 
 
-@njit(parallel=True, fastmath=True, cache=True)
-def carry(dual, potential, weights):  # type: ignore[no-untyped-def]
+@njit(nogil=True, fastmath=True, cache=True)
+def carry(rank, size, dual, potential, weights):  # type: ignore[no-untyped-def]
     """Take the weighted differences of a potential (rows, columns) off one channel's unit differences."""
     rows, n = potential.shape
-    for row in prange(rows):
+    for row in range(rank * rows // size, (rank + 1) * rows // size):
         here, across, along = potential[row], dual[0, row + 2, 2 : 2 + n], dual[1, row + 2, 2 : 2 + n]
         right, below = here[1:], potential[min(row + 1, rows - 1)]
         for j in range(n - 1):
@@ -63,43 +85,52 @@ def carry(dual, potential, weights):  # type: ignore[no-untyped-def]
             along[j] -= weights[1] * (here[j] - below[j])
 
 
-@njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
-def extent(dual, radius, weights, tilt):  # type: ignore[no-untyped-def]
-    """The largest (‖group‖ / radius)² of all channels' duals, and −⟨duals, slope⟩ in float64."""
+@njit(fastmath=True)
+def _add_square(values, out):  # type: ignore[no-untyped-def]
+    for j in range(out.size):
+        out[j] += values[j] * values[j]
+
+
+@njit(fastmath=True)
+def _fall(values, down, fall, right, run):  # type: ignore[no-untyped-def]
+    """Σ values · (down · fall + right · run), one row."""
+    total = values.dtype.type(0)
+    for j in range(values.size):
+        total += values[j] * (down * fall[j] + right * run[j])
+    return total
+
+
+@njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
+def extent(rank, size, dual, radius, weights, tilt, sums):  # type: ignore[no-untyped-def]
+    """sums (2, rows) ← by row the largest (‖group‖ / radius)² of all channels' duals, and −⟨duals, slope⟩."""
     channels, rows, n = dual.shape[0], dual.shape[2] - 4, dual.shape[3] - 4
-    most, lift = np.zeros(rows, dual.dtype), np.zeros(rows)
-    for row in prange(rows):
+    x_type, square = dual.dtype.type, np.empty(n, dual.dtype)
+    for row in range(rank * rows // size, (rank + 1) * rows // size):
         i = row + 2
-        square, reach, product = np.zeros(n, dual.dtype), radius[i, 2 : 2 + n], 0.0
+        reach, product = radius[i, 2 : 2 + n], 0.0
+        square[:] = 0
         for c in range(channels):
             for k in range(6):
                 p = dual[c, k, i, 2 : 2 + n]
-                for j in range(n):
-                    square[j] += p[j] * p[j]
+                _add_square(p, square)
                 if tilt.shape[2] > 0:
                     fall, run = tilt[c, 0, i, 2 : 2 + n], tilt[c, 1, i, 2 : 2 + n]
-                    down, right = dual.dtype.type(ROWS[k]), dual.dtype.type(COLUMNS[k])
-                    part = dual.dtype.type(0)
-                    for j in range(n):
-                        part += p[j] * (down * fall[j] + right * run[j])
+                    part = _fall(p, x_type(ROWS[k]), fall, x_type(COLUMNS[k]), run)
                     product += float(weights[k]) * float(part)
         largest = dual.dtype.type(0)
         for j in range(n):
             largest = max(largest, square[j] / (reach[j] * reach[j]))
-        most[row], lift[row] = largest, product
-    return most.max(), lift.sum()
+        sums[0, row], sums[1, row] = largest, product
 
 
-@njit(parallel=True, fastmath=True, cache=True)
-def add_scaled(out, pull, curvature, factor):  # type: ignore[no-untyped-def]
-    """out (rows, columns) += pull + factor · curvature, both padded by 2; returns its sum in float64."""
+@njit(nogil=True, fastmath=True, cache=True)
+def add_scaled(rank, size, out, pull, curvature, factor, sums):  # type: ignore[no-untyped-def]
+    """out (rows, columns) += pull + factor · curvature, both padded by 2; sums (rows,) ← its sum by row."""
     rows, n = out.shape
-    sums = np.zeros(rows)
-    for row in prange(rows):
+    for row in range(rank * rows // size, (rank + 1) * rows // size):
         target, a, b = out[row], pull[row + 2, 2 : 2 + n], curvature[row + 2, 2 : 2 + n]
         total = 0.0
         for j in range(n):
             target[j] += a[j] + factor * b[j]
             total += target[j]
         sums[row] = total
-    return sums.sum()

@@ -6,7 +6,7 @@ five coefficient images: the node itself, its neighbours to the right, below, be
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 _BAND_ROWS = 32
 """Of M and b: few enough to stay in cache, many enough that few samples fall between two bands."""
@@ -23,7 +23,7 @@ def _corner(position, scale, offset, nodes):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _ranges(weights, positions, scale, offset, nodes, across):  # type: ignore[no-untyped-def]
+def ranges(weights, positions, scale, offset, nodes, across):  # type: ignore[no-untyped-def]
     """(N, H, 2): the least and the largest first node row of each frame row's samples; (nodes, −1): none."""
     frames, rows, columns = weights.shape
     out = np.empty((frames, rows, 2), np.int64)
@@ -41,26 +41,27 @@ def _ranges(weights, positions, scale, offset, nodes, across):  # type: ignore[n
     return out
 
 
-@njit(parallel=True, cache=True)
-def accumulate(values, weights, positions, scale, offset, stencil, right_side):  # type: ignore[no-untyped-def]
-    """Add frames to M and b; whether any sample was used.
+@njit(nogil=True, cache=True)
+def accumulate(  # type: ignore[no-untyped-def]
+    rank, size, values, weights, positions, scale, offset, spans, stencil, right_side
+):
+    """Add frames to M and b.
 
     Bands of node rows are filled one by one, which keeps them in cache and gives each band one writer.
 
     Args:
         values: (C, N, H, W); weights: (N, H, W), 0 = not used; positions: (N, H, W, 2).
         scale: β; offset: node of a footprint centred on coordinate 0 of the fused grid's edges.
-        stencil: (5, …), right_side: (C, …).
+        spans: their `ranges`; stencil: (5, …), right_side: (C, …).
     """
     channels, frames, rows, columns = values.shape
     node_rows, node_columns = stencil.shape[1] - 2, stencil.shape[2] - 2
-    ranges = _ranges(weights, positions, scale, offset, node_rows, node_columns)
     bands = max(1, node_rows // _BAND_ROWS)
-    for band in prange(bands):
+    for band in range(rank * bands // size, (rank + 1) * bands // size):
         top, end = band * node_rows // bands, (band + 1) * node_rows // bands
         for k in range(frames):
             for i in range(rows):
-                if ranges[k, i, 1] + 1 < top or ranges[k, i, 0] >= end:
+                if spans[k, i, 1] + 1 < top or spans[k, i, 0] >= end:
                     continue
                 for j in range(columns):
                     weight = weights[k, i, j]
@@ -95,21 +96,18 @@ def accumulate(values, weights, positions, scale, offset, stencil, right_side): 
                             value = weight * values[channel, k, i, j]
                             right_side[channel, r + 1, s] += c * value
                             right_side[channel, r + 1, s + 1] += d * value
-    return ranges[..., 1].max() >= 0
 
 
-@njit(parallel=True, cache=True)
-def residuals(values, weights, positions, scale, offset, blurred):  # type: ignore[no-untyped-def]
-    """(5,) sums over the samples in float64: Ω, Ω y, Ω A X, Ω (y − A X)², Ω (y² − (A X)²), of one channel.
+@njit(nogil=True, cache=True)
+def residuals(rank, size, values, weights, positions, scale, offset, blurred, sums):  # type: ignore[no-untyped-def]
+    """sums (N · H, C, 5) ← Ω, Ω y, Ω A X, Ω (y − A X)², Ω (y² − (A X)²) by row and channel, in float64.
 
-    Args: values (N, H, W); blurred (nodes + 2, nodes + 2); the others as in `accumulate`.
+    Args: values (C, N, H, W); blurred (C, nodes + 2, nodes + 2); the others as in `accumulate`.
     """
-    frames, rows, columns = values.shape
-    node_rows, node_columns = blurred.shape[0] - 2, blurred.shape[1] - 2
-    sums = np.zeros((frames * rows, 5))
-    for line in prange(frames * rows):
+    channels, frames, rows, columns = values.shape
+    node_rows, node_columns = blurred.shape[1] - 2, blurred.shape[2] - 2
+    for line in range(rank * frames * rows // size, (rank + 1) * frames * rows // size):
         k, i = line // rows, line % rows
-        total, data, fit, square, rest = 0.0, 0.0, 0.0, 0.0, 0.0
         for j in range(columns):
             weight = float(weights[k, i, j])
             if weight <= 0:
@@ -119,15 +117,13 @@ def residuals(values, weights, positions, scale, offset, blurred):  # type: igno
             if u < 0 or v < 0:
                 continue
             u, v = u + 1, v + 1
-            y = float(values[k, i, j])
-            upper = (1 - fv) * blurred[u, v] + fv * blurred[u, v + 1]
-            lower = (1 - fv) * blurred[u + 1, v] + fv * blurred[u + 1, v + 1]
-            model = (1 - fu) * upper + fu * lower
-            total += weight
-            data += weight * y
-            fit += weight * model
-            square += weight * (y - model) * (y - model)
-            rest += weight * (y - model) * (y + model)
-        sums[line, 0], sums[line, 1], sums[line, 2] = total, data, fit
-        sums[line, 3], sums[line, 4] = square, rest
-    return sums.sum(axis=0)
+            for c in range(channels):
+                y, out = float(values[c, k, i, j]), sums[line, c]
+                upper = (1 - fv) * blurred[c, u, v] + fv * blurred[c, u, v + 1]
+                lower = (1 - fv) * blurred[c, u + 1, v] + fv * blurred[c, u + 1, v + 1]
+                model = (1 - fu) * upper + fu * lower
+                out[0] += weight
+                out[1] += weight * y
+                out[2] += weight * model
+                out[3] += weight * (y - model) * (y - model)
+                out[4] += weight * (y - model) * (y + model)

@@ -1,7 +1,7 @@
 """Giving the mixed pixels of a map to one of the surfaces beside them."""
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 _TILE_ROWS = 32
 """Rows walked together: what they need fits the second-level cache."""
@@ -76,9 +76,9 @@ def _blur(tensors, first, taps, line, out):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy")
-def _settle(z, i, j, tensor, step, contrast, off_line, out):  # type: ignore[no-untyped-def]
-    """Give pixel (i, j) to one side if it is a mixture; tensor (3,): down², right², both."""
-    difference, double = float(tensor[1] - tensor[0]), 2 * float(tensor[2])
+def _settle(z, i, j, down2, right2, both, step, contrast, off_line, out):  # type: ignore[no-untyped-def]
+    """Give pixel (i, j) to one side if it is a mixture; down², right² and both of its structure tensor."""
+    difference, double = float(right2 - down2), 2 * float(both)
     length = np.sqrt(difference * difference + double * double)
     if length > 0:  # half the angle of (difference, double): the gradient's
         down = step * np.sqrt(max(0.0, 0.5 - 0.5 * difference / length))
@@ -98,8 +98,8 @@ def _settle(z, i, j, tensor, step, contrast, off_line, out):  # type: ignore[no-
         out[0, i, j], out[1, i, j] = (p0, p1) if share > 0.5 else (m0, m1)
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
-def assign(z, taps, least, step, contrast, off_line, out):  # type: ignore[no-untyped-def]
+@njit(nogil=True, cache=True, error_model="numpy")
+def assign(rank, size, z, taps, least, step, contrast, off_line, out):  # type: ignore[no-untyped-def]
     """out (2, rows, columns) ← z with mixtures replaced by the surface that has the larger share.
 
     Args:
@@ -109,7 +109,7 @@ def assign(z, taps, least, step, contrast, off_line, out):  # type: ignore[no-un
     """
     rows, columns = z.shape[1:]
     tiles, reach = max(1, rows // _TILE_ROWS), taps.size // 2
-    for tile in prange(tiles):
+    for tile in range(rank * tiles // size, (rank + 1) * tiles // size):
         top, end = tile * rows // tiles, (tile + 1) * rows // tiles
         tensors = np.zeros((3, end - top + 2 * reach, columns), z.dtype)
         lines, smooth = np.zeros((2, columns + 2 * reach + 2), z.dtype), np.zeros((3, columns), z.dtype)
@@ -119,7 +119,8 @@ def assign(z, taps, least, step, contrast, off_line, out):  # type: ignore[no-un
         for i in range(top, end):
             for k in range(3):
                 _blur(tensors[k], i - top, taps, lines[0], smooth[k])
-            out[:, i] = z[:, i]
             for j in range(columns):
+                out[0, i, j], out[1, i, j] = z[0, i, j], z[1, i, j]
                 if smooth[0, j] + smooth[1, j] > least:
-                    _settle(z, i, j, smooth[:, j], step, contrast, off_line, out)
+                    tensor = (smooth[0, j], smooth[1, j], smooth[2, j])
+                    _settle(z, i, j, *tensor, step, contrast, off_line, out)

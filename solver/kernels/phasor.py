@@ -1,7 +1,7 @@
 """From a map of phasors to distance and amplitude."""
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 
 @njit(fastmath={"contract", "nsz"}, error_model="numpy")
@@ -28,8 +28,8 @@ def _angle(y, x):  # type: ignore[no-untyped-def]
     return np.float32(2 * np.pi) - angle if y < 0 else angle
 
 
-@njit(parallel=True, cache=True, error_model="numpy")
-def resolve(real, imaginary, low, high, factor, least, scale, usual):  # type: ignore[no-untyped-def]
+@njit(nogil=True, cache=True, error_model="numpy")
+def resolve(rank, size, real, imaginary, low, high, factor, least, scale, usual):  # type: ignore[no-untyped-def]
     """In place: real part → distance, from 0 up to a turn; imaginary part → amplitude.
 
     Args:
@@ -39,12 +39,12 @@ def resolve(real, imaginary, low, high, factor, least, scale, usual):  # type: i
         scale: distance by radian; usual: the median amplitude.
     """
     rows, columns = real.shape
-    for i in prange(rows):
+    for i in range(rank * rows // size, (rank + 1) * rows // size):
         first, last = np.repeat(low[i // factor], factor), np.repeat(high[i // factor], factor)
         x, y = real[i], imaginary[i]
         for j in range(columns):
-            size, distance = np.sqrt(x[j] * x[j] + y[j] * y[j]), _angle(y[j], x[j]) * scale
-            y[j] = size * usual
-            x[j] = distance if size >= least else np.float32(np.nan)
+            length, distance = np.sqrt(x[j] * x[j] + y[j] * y[j]), _angle(y[j], x[j]) * scale
+            y[j] = length * usual
+            x[j] = distance if length >= least else np.float32(np.nan)
         for j in range(columns):
             x[j] = x[j] if first[j] <= x[j] <= last[j] else np.float32(np.nan)

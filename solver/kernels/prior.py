@@ -180,11 +180,11 @@ def add_tilt_backward(pulls, pulls1, pulls2, weights, out):  # type: ignore[no-u
 
 
 @njit(nogil=True, cache=True)
-def norms(x, slope, up, out):  # type: ignore[no-untyped-def]
+def norms(rank, size, x, slope, up, out):  # type: ignore[no-untyped-def]
     """out (rows + 4, columns + 4) ← ‖∇x − slope‖₂ by pixel, all channels in one group."""
     channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
     squares = np.zeros(n, x.dtype)
-    for row in range(rows):
+    for row in range(rank * rows // size, (rank + 1) * rows // size):
         squares[:] = 0
         for c in range(channels):
             add_squares(row + 2, x[c], slope[c], up[max(0, row + 3 - rows)], squares)

@@ -1,7 +1,7 @@
 """The sparse data term: scattering samples, and its value."""
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 
 @njit(cache=True)
@@ -65,18 +65,16 @@ def average(weight, total):  # type: ignore[no-untyped-def]
     return square, low, high
 
 
-@njit(parallel=True, fastmath=True, cache=True)
-def misfit(x, weight, mean):  # type: ignore[no-untyped-def]
-    """Σ w (x − m)² in float64; arrays (rows, columns) padded by 2."""
+@njit(nogil=True, fastmath=True, cache=True)
+def misfit(rank, size, x, weight, mean, sums):  # type: ignore[no-untyped-def]
+    """sums (rows,) ← Σ w (x − m)² by row in float64; arrays (rows, columns) padded by 2."""
     rows, n = x.shape[0] - 4, x.shape[1] - 4
-    sums = np.zeros(rows)
-    for row in prange(rows):
+    for row in range(rank * rows // size, (rank + 1) * rows // size):
         a, w, m = x[row + 2, 2 : 2 + n], weight[row + 2, 2 : 2 + n], mean[row + 2, 2 : 2 + n]
         value = 0.0
         for j in range(n):
             value += w[j] * (a[j] - m[j]) * (a[j] - m[j])
         sums[row] = value
-    return sums.sum()
 
 
 @njit(cache=True)

@@ -24,7 +24,7 @@ def _difference(k, i, x, slope, out):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, fastmath=True, cache=True)
-def differences(rank, threads, barrier, x, slope, up, out):  # type: ignore[no-untyped-def]  # noqa: ARG001
+def differences(rank, threads, x, slope, up, out):  # type: ignore[no-untyped-def]
     """out (6, rows, columns) ← |G x − s| over all channels, 0 where it leaves the image; by a team.
 
     Args: x (C, rows + 4, …); slope (C, 2, …); up, the squared weights, as in `kernels.prior`.
@@ -53,7 +53,7 @@ def _loosen(size, freed, across, out):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, cache=True)
-def level(rank, threads, barrier, sizes, freed, across, levels):  # type: ignore[no-untyped-def]  # noqa: ARG001
+def level(rank, threads, sizes, freed, across, levels):  # type: ignore[no-untyped-def]
     """levels ← 255 · freed / (1 + (size · across)²)² where the difference stays inside; by a team.
 
     Args: sizes (6, rows, columns) of the differences; freed (rows + 4, columns + 4), 1 − ρ.
@@ -140,7 +140,7 @@ def pull(top, end, x, levels, unit, out):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, cache=True)
-def pull_all(rank, threads, barrier, x, levels, unit, out):  # type: ignore[no-untyped-def]  # noqa: ARG001
+def pull_all(rank, threads, x, levels, unit, out):  # type: ignore[no-untyped-def]
     """`pull` in every channel by a team (see `kernels.team`)."""
     rows = x.shape[1] - 4
     for c in range(x.shape[0]):

@@ -15,6 +15,7 @@ import numpy as np
 from solver.errors import FusionInputError
 from solver.footprint import AreaTerm
 from solver.kernels import phasor as phasors
+from solver.kernels import team
 from solver.noise import median_light
 from solver.plausibility import around
 from solver.prior import Prior
@@ -85,7 +86,8 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     z = unmix(outcome.state.x[:, inner, inner] * np.float32(strength))
     distance, amplitude = z
     low, high = around(problem, problem.noise / usual, problem.ambiguity_range)
-    phasors.resolve(
+    team.share(
+        phasors.resolve,
         distance,
         amplitude,
         low,

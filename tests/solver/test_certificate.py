@@ -137,7 +137,7 @@ def test_what_unseen_pixels_leave_goes_to_seen_ones_around() -> None:
     dual = Prior().duals(x, np.ones_like(x[0]), level(x), 1.0)
     before = slope(dual, Prior().weights)[0]
     phi = potential(before, weight, 200)
-    correct(dual[0], phi, Prior().weights[:2].astype(float), np.full_like(x[0], 1e3))
+    correct(0, 1, dual[0], phi, Prior().weights[:2].astype(float), np.full_like(x[0], 1e3))
     left = slope(dual, Prior().weights)[0]
     unseen = weight[2:-2, 2:-2] == 0
     assert np.abs(before[unseen]).max() > 1
@@ -150,7 +150,7 @@ def test_groups_are_brought_into_their_balls_one_by_one() -> None:
     given = dual.copy()
     radius = np.full_like(x[0], 0.9)
     radius[:, :12] = 2.0
-    correct(dual[0], np.zeros((12, 22)), Prior().weights[:2].astype(float), radius)
+    correct(0, 1, dual[0], np.zeros((12, 22)), Prior().weights[:2].astype(float), radius)
     norm = np.linalg.norm(dual[0], axis=0)
     assert np.all(norm <= radius * (1 + 1e-12))
     np.testing.assert_array_equal(dual[..., :12], given[..., :12])

@@ -6,6 +6,7 @@ import pytest
 from solver import FusionOptions, fuse
 from solver.evaluation.protocol import DepthMap, make_trial
 from solver.footprint import AreaTerm
+from solver.kernels import ties as kernels
 from solver.kernels.prior import PAD
 from solver.memory_gradient import minimise, start
 from solver.methods import area
@@ -32,16 +33,20 @@ def random_ties(shape: tuple[int, ...]) -> Ties:
     rng = np.random.default_rng(3)
     x = padded(rng.normal(size=shape))
     ties = along_edges(x)
-    return Ties(
-        ties.strength * rng.uniform(0, 2, ties.strength.shape), padded(rng.normal(size=(2, *shape[1:])))[None]
-    )
+    levels = (ties.levels * rng.uniform(0, 1, ties.levels.shape)).astype(np.uint8)
+    return Ties(levels, 2 * ties.unit, padded(rng.normal(size=(2, *shape[1:])))[None])
+
+
+def strengths(ties: Ties) -> np.ndarray:
+    """(6, rows + 4, columns + 4)."""
+    return ties.levels * ties.unit[:, None, None]
 
 
 def tied_by_hand(x: np.ndarray, ties: Ties) -> float:
     """½ Σ t (G x − s)², offset by offset, of one padded channel."""
     rows, columns = x.shape[0] - 2 * PAD, x.shape[1] - 2 * PAD
     total = 0.0
-    for strength, (down, right) in zip(ties.strength, NEIGHBOURHOOD, strict=True):
+    for strength, (down, right) in zip(strengths(ties), NEIGHBOURHOOD, strict=True):
         for i in range(PAD, PAD + rows):
             for j in range(PAD, PAD + columns):
                 if i + down < PAD + rows and PAD <= j + right < PAD + columns:
@@ -53,7 +58,7 @@ def tied_by_hand(x: np.ndarray, ties: Ties) -> float:
 def test_an_edge_is_tied_along_itself_and_not_across() -> None:
     step = np.zeros((1, 30, 40))
     step[:, :, 20:] = 50.0
-    right, down, *_, right2, down2 = along_edges(padded(step)).strength[:, PAD + 15]
+    right, down, *_, right2, down2 = strengths(along_edges(padded(step)))[:, PAD + 15]
     edge = PAD + 19  # the last column before the step
     assert right[edge] < 1e-4
     assert right2[edge - 1] < 1e-4
@@ -64,7 +69,7 @@ def test_an_edge_is_tied_along_itself_and_not_across() -> None:
 
 def test_nothing_is_tied_beyond_the_image_nor_by_offsets_not_chosen() -> None:
     prior = Prior(((0, 1), (1, 0), (1, -1)))
-    strength = along_edges(padded(np.zeros((1, 9, 11))), prior).strength
+    strength = strengths(along_edges(padded(np.zeros((1, 9, 11))), prior))
     assert not strength[[2, 4, 5]].any()
     for tie, (down, right) in zip(strength, NEIGHBOURHOOD, strict=True):
         i, j = np.nonzero(tie)
@@ -80,9 +85,10 @@ def test_the_tied_term_is_the_squares_it_says() -> None:
     tied, x = Tied(term, ties), padded(rng.normal(size=term.shape))
     assert tied.value(x) == pytest.approx(term.value(x) + tied_by_hand(x[0], ties))
 
-    slope, product, step = np.zeros_like(x), np.zeros_like(x), padded(rng.normal(size=term.shape))
+    slope, further, step = np.zeros_like(x), np.zeros_like(x), padded(rng.normal(size=term.shape))
     tied.gradient(x, slope)
-    tied.multiply(step, product)
+    tied.gradient(x + step, further)
+    product = further - slope
     ahead, behind = tied.value(x + step), tied.value(x - step)
     assert (slope * step).sum() == pytest.approx((ahead - behind) / 2)
     assert (product * step).sum() == pytest.approx(ahead + behind - 2 * tied.value(x))
@@ -93,8 +99,10 @@ def test_the_diagonal_is_that_of_the_operator() -> None:
     for i, j in ((PAD, PAD), (PAD + 2, PAD + 3), (PAD + 5, PAD + 6)):
         one = np.zeros((10, 11))
         one[i, j] = 1
-        level = Ties(ties.strength, np.zeros_like(ties.slope))
-        assert ties.diagonal()[i, j] == pytest.approx(2 * tied_by_hand(one, level))
+        level = Ties(ties.levels, ties.unit, np.zeros_like(ties.slope))
+        diagonal = np.zeros_like(one)
+        kernels.add_diagonal(ties.levels, ties.unit, diagonal)
+        assert diagonal[i, j] == pytest.approx(2 * tied_by_hand(one, level))
 
 
 def test_the_gap_closes_with_ties_too() -> None:
