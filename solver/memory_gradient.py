@@ -67,8 +67,8 @@ class Operator:
     Attributes:
         footprint: (stencil, side, taps, size) of `kernels.blur.apply`; None = diagonal, the term's curvature.
         mean: (C, rows + 4, columns + 4), the map that a diagonal operator draws to.
-        ties: (levels, unit, lift) of `kernels.ties`, with a footprint only; the lift, (C, rows + 4, columns + 4),
-            is what their slope adds to the gradient.
+        ties: (levels, unit, lift) of `kernels.ties`, with a footprint only; the lift, (C, …), is what their
+            slope adds to the gradient.
     """
 
     footprint: tuple[Image, Image, Image, int] | None
@@ -201,7 +201,10 @@ class _Descent:
         self._sums = np.zeros((2, x.shape[1] - 4, 6))
 
     def iterate(
-        self, numbers: NDArray[np.float64], history: NDArray[np.float64], rule: tuple[float, ...]
+        self,
+        numbers: NDArray[np.float64],
+        history: NDArray[np.float64],
+        rule: tuple[float, float, float, float, int],
     ) -> None:
         """Fill `history`, or stop where the objective has settled; see `solver.kernels.iteration`."""
         arrays = (self._footprint, self._ties, self._data, self._step, self._work, self._sums)

@@ -19,6 +19,9 @@ from solver.preparation import complete, prepare
 from solver.problem import Solution
 from solver.result import Fused, Report, Seconds
 
+_LOST = 5
+"""Frames in a row that do not fit, after which the scene is taken for another one."""
+
 _FEW = 6
 """Frames that are registered together: a mosaic of fewer is aliased, and what it misplaces would stay."""
 
@@ -76,7 +79,7 @@ class SlidingFusion:
     def reset(self) -> None:
         """Forget every frame; the next one pushed fixes the grid."""
         self._window.clear()
-        self._pushed = 0
+        self._pushed, self._misfits = 0, 0
         self._grid = np.zeros(2 if self._matrix is None else 3)
         self._last: Solution | None = None
         self._track: Track | None = None
@@ -99,7 +102,8 @@ class SlidingFusion:
 
         Raises:
             FusionInputError: an argument cannot be used, or does not go with the frames before.
-            RegistrationError: the frame fits none before it; the window is as it was.
+            RegistrationError: the frame fits none before it; the window is as it was. The fifth in a row
+                starts the stream over instead, and the notes of the report say so.
         """
         begin = time.perf_counter()
         frame = checks.check_frames(np.asarray(distance)[None])[0]
@@ -112,12 +116,21 @@ class SlidingFusion:
         guess = None
         if initial is not None:
             guess = checks.check_vectors("initial", np.asarray(initial)[None], 1, (len(self._grid),))
+        notes: tuple[str, ...] = ()
         if given is None:
-            pose = self._register(frame, light, None if guess is None else guess[0])
+            try:
+                pose = self._register(frame, light, None if guess is None else guess[0])
+            except RegistrationError:
+                self._misfits += 1
+                if self._misfits < _LOST:
+                    raise
+                notes = self._start_over()
+                pose = np.zeros_like(self._grid)
         else:
             pose, self._track = given, None
+        self._misfits = 0
         registered = time.perf_counter()
-        notes = self._append(frame, None if light is None else light[0], pose)
+        notes += self._append(frame, None if light is None else light[0], pose)
         return self._fuse(options, notes, begin, registered)
 
     def _check_like(self, frame: NDArray[np.float32], light: NDArray[np.float32] | None) -> None:
@@ -183,6 +196,12 @@ class SlidingFusion:
             return self._composed(base, self._track.follow(frame, image, first))
         except RegistrationError as error:
             raise RegistrationError(self._misfit(str(error))) from error
+
+    def _start_over(self) -> tuple[str, ...]:
+        """Forget the frames before, and say so."""
+        self._window.clear()
+        self._last, self._track = None, None
+        return (f"the stream started over at frame {self._pushed}: {_LOST} frames in a row did not fit",)
 
     def _misfit(self, why: str) -> str:
         return f"frame {self._pushed} does not fit the ones before: {why}"

@@ -2,6 +2,7 @@
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from solver.kernels.prior import (
     add_pull_backward,
@@ -80,8 +81,8 @@ def descend(  # type: ignore[no-untyped-def]
         curvature: (…), of the data term by pixel.
         data: (C, …), the data term's gradient; where its operator is diagonal, the map that it draws to.
         step: (C, …), the last step; stiffness: (…), out; direction: (C, …), out.
-        sums: (rows, 6), out, by row: Σ r ‖∇x − s‖, what smooth corners of width ε hide of it, and the products
-            of the objective's gradient with direction and step, and of the data's gradient with both.
+        sums: (rows, 6), out, by row: Σ r ‖∇x − s‖, what smooth corners of width ε hide of it, and the
+            products of the objective's gradient with direction and step, and of the data's with both.
     """
     channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
     tilted = slope.shape[2] > 0
@@ -123,6 +124,6 @@ def descend(  # type: ignore[no-untyped-def]
                 _turn(gradient, scale, step[c, i, 2 : 2 + n], pull, direction[c, i, 2 : 2 + n], out)
 
 
-def doubled(weights):  # type: ignore[no-untyped-def]
+def doubled(weights: NDArray[np.floating]) -> NDArray[np.floating]:
     """(8,): the squared weights (6,), and those of the two-pixel differences twice."""
-    return np.concatenate([weights, 2 * weights[4:]]).astype(weights.dtype)
+    return np.concatenate([weights, weights[4:] + weights[4:]])

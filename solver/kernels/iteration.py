@@ -66,8 +66,8 @@ def _compiled(sources: str):  # type: ignore[no-untyped-def]
 
     @njit(nogil=True, cache=True)
     def iterate(  # type: ignore[no-untyped-def]
-        rank, size, barrier, x, slope, radius, up, weights, curvature, footprint, ties, data, step, work, sums, rule,
-        numbers, history
+        rank, size, barrier, x, slope, radius, up, weights, curvature, footprint, ties, data, step, work,
+        sums, rule, numbers, history
     ):  # fmt: skip
         """Iterate until the objective has settled or `history` is full.
 
@@ -103,8 +103,8 @@ def _compiled(sources: str):  # type: ignore[no-untyped-def]
                         pull(top, end, x[c], levels, unit, data[c])
                         data[c, top + 2 : end + 2] += lift[c, top + 2 : end + 2]
             descend(
-                top, end, x, slope, radius, x.dtype.type(epsilon), up, weights, curvature, diagonal, data, step,
-                stiffness, direction, sums[0]
+                top, end, x, slope, radius, x.dtype.type(epsilon), up, weights, curvature, diagonal, data,
+                step, stiffness, direction, sums[0]
             )  # fmt: skip
             meet(barrier, size)
             for strip in range(top, end, STRIP):

@@ -103,7 +103,7 @@ def stiffen(squares, radius, epsilon, stiffness, sums):  # type: ignore[no-untyp
 
 @njit(fastmath=True)
 def add_pull_forward(i, x, slope, up, stiffness, pulls, out):  # type: ignore[no-untyped-def]
-    """Add what a pixel's own differences pull it by, row i; keep stiffness · slope (2, …) for the next rows."""
+    """Add what a pixel's own differences pull it by, row i; keep stiffness · slope (2, …) for later."""
     n = x.shape[1] - 4
     first, end = inside(n)
     for t in range(first + n - end):
@@ -167,7 +167,8 @@ def add_pull_backward(i, x, weights, stiff, stiff1, stiff2, out):  # type: ignor
 def add_tilt_backward(pulls, pulls1, pulls2, weights, out):  # type: ignore[no-untyped-def]
     """The slope's part of `add_pull_backward`; weights (8,), the last two twice those of 4 and 5.
 
-    Doubled weights come ready: doubled in here they kept the compiler from vectorising, at six times the cost.
+    Doubled weights come ready: doubled in here they kept the compiler from vectorising, at six times the
+    cost.
     """
     n = out.size
     r0, r4, s1, s2 = pulls[1, 1 : 1 + n], pulls[1, 0:n], pulls1[0, 2 : 2 + n], pulls1[0, 1 : 1 + n]

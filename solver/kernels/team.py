@@ -2,7 +2,7 @@
 
 A parallel region of Numba's wakes its threads and lets them sleep again: measured 0.1–0.3 ms each time, as
 long as a whole pass over an image takes, several times an iteration. Here the threads stay awake for as long
-as the loop runs, and a meeting takes a tenth of a microsecond. Who waits long lets others run (`sched_yield`).
+as the loop runs, and a meeting takes a tenth of a microsecond. Who waits long lets others run.
 """
 
 import os
@@ -13,7 +13,6 @@ from typing import Any
 
 import numba
 import numpy as np
-from llvmlite import ir
 from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
@@ -29,27 +28,31 @@ _sched_yield = types.ExternalFunction("sched_yield", types.int32())
 
 def _pointer(context, builder, kind, array, index):  # type: ignore[no-untyped-def]
     view = context.make_array(kind)(context, builder, array)
-    return cgutils.get_item_pointer(context, builder, kind, view, [index], wraparound=False)
+    return cgutils.get_item_pointer(  # type: ignore[no-untyped-call]
+        context, builder, kind, view, [index], wraparound=False
+    )
 
 
 @intrinsic
-def _add(_, array, index, value):  # type: ignore[no-untyped-def]
+def _add(_, array, index, value):  # type: ignore[no-untyped-def]  # noqa: ARG001
     """array[index] += value as one step that no other thread can divide; the value before."""
 
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
-        place = _pointer(context, builder, signature.args[0], arguments[0], arguments[1])
+        kind, array, at = signature.args[0], arguments[0], arguments[1]
+        place = _pointer(context, builder, kind, array, at)  # type: ignore[no-untyped-call]
         return builder.atomic_rmw("add", place, arguments[2], "seq_cst")
 
     return types.int64(array, types.intp, types.int64), generate
 
 
 @intrinsic
-def _read(_, array, index):  # type: ignore[no-untyped-def]
+def _read(_, array, index):  # type: ignore[no-untyped-def]  # noqa: ARG001
     """array[index] as the other threads have left it."""
 
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
-        place = _pointer(context, builder, signature.args[0], arguments[0], arguments[1])
-        return builder.load_atomic(place, "seq_cst", ir.IntType(64).width // 8)
+        kind, array, at = signature.args[0], arguments[0], arguments[1]
+        place = _pointer(context, builder, kind, array, at)  # type: ignore[no-untyped-call]
+        return builder.load_atomic(place, "seq_cst", 8)
 
     return types.int64(array, types.intp), generate
 
@@ -59,7 +62,7 @@ def meet(barrier, size):  # type: ignore[no-untyped-def]
     """Return once all `size` threads have come; what each wrote before, all can read after."""
     if size == 1:
         return
-    turn = _read(barrier, _TURN)
+    turn = _read(barrier, _TURN)  # type: ignore[call-arg, var-annotated]
     if _add(barrier, 0, 1) == size - 1:
         _add(barrier, 0, -size)
         _add(barrier, _TURN, 1)
@@ -102,7 +105,10 @@ def share(loop: Callable[..., None], *arguments: Any) -> None:
 def _others() -> ThreadPoolExecutor:
     global _pool
     if _pool is None:
-        _pool = ThreadPoolExecutor(numba.config.NUMBA_NUM_THREADS, thread_name_prefix="solver")
+        _pool = ThreadPoolExecutor(
+            numba.config.NUMBA_NUM_THREADS,  # type: ignore[attr-defined]
+            thread_name_prefix="solver",
+        )
     return _pool
 
 

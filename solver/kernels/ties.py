@@ -1,6 +1,6 @@
 """Ties between neighbours: ½ Σ t (G X − s)² with a strength t for every difference G of the prior.
 
-Images are padded as in `kernels.prior`. Strengths are kept as `levels`, bytes (6, rows + 4, columns + 4) that are
+Images are padded as in `kernels.prior`. Strengths are kept as `levels`, bytes (6, rows + 4, columns + 4),
 0 in the padding and where a difference leaves the image, and the `unit` (6,) of each difference's levels: an
 iteration waits for memory, and bytes are a quarter of it.
 """

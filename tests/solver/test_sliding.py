@@ -126,3 +126,17 @@ def test_a_frame_that_fits_none_leaves_a_stream_as_it_was() -> None:
         sliding.push(trial.distance[8, ::-1])
     fused = sliding.push(trial.distance[8])
     assert np.abs(fused.shifts[-1] - trial.shifts[8]).max() < 0.05
+
+
+def test_a_stream_starts_over_where_the_scene_is_another_one() -> None:
+    trial = make_trial(DepthMap(procedural_object(), oversampling=2), variance=0.7, seed=2)
+    sliding = SlidingFusion(FusionOptions(method="shift-and-add"), window=10)
+    for frame in trial.distance[:8]:
+        sliding.push(frame)
+    for frame in trial.distance[:4]:
+        with pytest.raises(RegistrationError, match="frame 8 does not fit"):
+            sliding.push(frame[::-1])
+    anew = sliding.push(trial.distance[4, ::-1])
+    assert anew.report.used == (8,)
+    assert "started over at frame 8" in anew.report.notes[0]
+    assert sliding.push(trial.distance[5, ::-1]).report.used == (8, 9)
