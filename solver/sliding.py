@@ -14,10 +14,11 @@ from solver.errors import FusionInputError, RegistrationError
 from solver.fusion import resolve, warn_unconverged
 from solver.methods import load
 from solver.options import FusionOptions
-from solver.positions import rotation_matrix, rotation_vector, sample_positions
+from solver.poses import PoseSpace, central, overlap
 from solver.preparation import complete, prepare
 from solver.problem import Solution
 from solver.result import Fused, Report, Seconds
+from solver.threads import enough_threads
 
 _LOST = 5
 """Frames in a row that do not fit, after which the scene is taken for another one."""
@@ -72,6 +73,7 @@ class SlidingFusion:
             raise FusionInputError(f"window is {window!r}; expected a whole number of frames from 1 up")
         self._range = checks.check_scalar("ambiguity_range", ambiguity_range)
         self._matrix, self._lens = checks.check_intrinsics(intrinsics, distortion)
+        self._space = PoseSpace(self._matrix, self._lens)
         self._noise = checks.check_scalar("noise", noise)
         self._window: deque[_Entry] = deque(maxlen=int(window))
         self.reset()
@@ -80,7 +82,7 @@ class SlidingFusion:
         """Forget every frame; the next one pushed fixes the grid."""
         self._window.clear()
         self._pushed, self._misfits = 0, 0
-        self._grid = np.zeros(2 if self._matrix is None else 3)
+        self._grid = self._space.origin()
         self._last: Solution | None = None
         self._track: Track | None = None
 
@@ -116,22 +118,34 @@ class SlidingFusion:
         guess = None
         if initial is not None:
             guess = checks.check_vectors("initial", np.asarray(initial)[None], 1, (len(self._grid),))
-        notes: tuple[str, ...] = ()
-        if given is None:
-            try:
-                pose = self._register(frame, light, None if guess is None else guess[0])
-            except RegistrationError:
-                self._misfits += 1
-                if self._misfits < _LOST:
-                    raise
-                notes = self._start_over()
-                pose = np.zeros_like(self._grid)
-        else:
-            pose, self._track = given, None
-        self._misfits = 0
-        registered = time.perf_counter()
-        notes += self._append(frame, None if light is None else light[0], pose)
-        return self._fuse(options, notes, begin, registered)
+        with enough_threads(frame.size * options.upsampling**2):
+            notes: tuple[str, ...] = ()
+            if given is None:
+                pose, notes = self._follow(frame, light, None if guess is None else guess[0])
+            else:
+                pose, self._track = given, None
+            self._misfits = 0
+            registered = time.perf_counter()
+            notes += self._append(frame, None if light is None else light[0], pose)
+            return self._fuse(options, notes, begin, registered)
+
+    def _follow(
+        self,
+        frame: NDArray[np.float32],
+        light: NDArray[np.float32] | None,
+        guess: NDArray[np.float64] | None,
+    ) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+        """The pose of a frame, and notes; after a run of misfits the frames before are forgotten."""
+        try:
+            return self._register(frame, light, guess), ()
+        except RegistrationError:
+            self._misfits += 1
+            if self._misfits < _LOST:
+                raise
+        self._window.clear()
+        self._last, self._track = None, None
+        why = f"the stream started over at frame {self._pushed}: {_LOST} frames in a row did not fit"
+        return self._grid if guess is None else guess, (why,)
 
     def _check_like(self, frame: NDArray[np.float32], light: NDArray[np.float32] | None) -> None:
         if not self._window:
@@ -171,8 +185,8 @@ class SlidingFusion:
 
         entries = list(self._window)
         base = self._grid if len(entries) >= _FEW else entries[0].pose
-        poses = np.stack([self._relative(entry.pose, base) for entry in entries])
-        first = poses[-1] if guess is None else self._relative(guess, base)
+        poses = np.stack([self._space.relative(entry.pose, base) for entry in entries])
+        first = poses[-1] if guess is None else self._space.relative(guess, base)
         image = None if light is None else light[0]
         if len(entries) < _FEW:
             lights = [entry.amplitude for entry in entries if entry.amplitude is not None]
@@ -187,21 +201,15 @@ class SlidingFusion:
             if len(entries) in found.rejected:
                 raise RegistrationError(self._misfit(found.rejected[len(entries)]))
             moved = (found.shifts if found.rotations is None else found.rotations)[-1]
-            return self._composed(base, moved)
+            return self._space.composed(base, moved)
         if self._track is None:
             self._track = Track(self._window.maxlen or 1, self._matrix, self._lens, self._range)
             for entry, pose in zip(entries, poses, strict=True):
                 self._track.add(entry.distance, entry.amplitude, pose)
         try:
-            return self._composed(base, self._track.follow(frame, image, first))
+            return self._space.composed(base, self._track.follow(frame, image, first))
         except RegistrationError as error:
             raise RegistrationError(self._misfit(str(error))) from error
-
-    def _start_over(self) -> tuple[str, ...]:
-        """Forget the frames before, and say so."""
-        self._window.clear()
-        self._last, self._track = None, None
-        return (f"the stream started over at frame {self._pushed}: {_LOST} frames in a row did not fit",)
 
     def _misfit(self, why: str) -> str:
         return f"frame {self._pushed} does not fit the ones before: {why}"
@@ -209,19 +217,20 @@ class SlidingFusion:
     def _append(
         self, frame: NDArray[np.float32], light: NDArray[np.float32] | None, pose: NDArray[np.float64]
     ) -> tuple[str, ...]:
-        positions = self._positions(frame.shape, pose)
+        positions = self._space.positions(frame.shape, pose, self._grid)
         notes: tuple[str, ...] = ()
         if not self._window:
             self._grid = pose
-            positions = self._positions(frame.shape, pose)
-        elif _overlap(positions) < 0.5:
+            positions = self._space.positions(frame.shape, pose, self._grid)
+        elif overlap(positions) < 0.5:
             self._grid, self._last, self._track = pose, None, None
             kept = [
-                replace(entry, positions=self._positions(frame.shape, entry.pose)) for entry in self._window
+                replace(entry, positions=self._space.positions(frame.shape, entry.pose, self._grid))
+                for entry in self._window
             ]
             self._window.clear()
             self._window.extend(kept)
-            positions = self._positions(frame.shape, pose)
+            positions = self._space.positions(frame.shape, pose, self._grid)
             notes = (
                 f"the grid moved to frame {self._pushed}: it overlapped the former one by less than half",
             )
@@ -248,7 +257,7 @@ class SlidingFusion:
         distance, spread = complete(problem, solution)
         if not solution.converged:
             warn_unconverged(options, solution, stacklevel=4)
-        relative = np.stack([self._relative(entry.pose, self._grid) for entry in entries])
+        relative = np.stack([self._space.relative(entry.pose, self._grid) for entry in entries])
         report = Report(
             method=options.method,
             regularization=solution.regularization,
@@ -263,39 +272,5 @@ class SlidingFusion:
         )
         if self._matrix is None:
             return Fused(distance, spread, solution.amplitude, relative, None, report)
-        shifts = np.stack([_central(entry.positions) for entry in entries])
+        shifts = np.stack([central(entry.positions) for entry in entries])
         return Fused(distance, spread, solution.amplitude, shifts, relative, report)
-
-    def _positions(self, shape: tuple[int, ...], pose: NDArray[np.float64]) -> NDArray[np.float32]:
-        relative = self._relative(pose, self._grid)[None]
-        size = (1, shape[0], shape[1])
-        if self._matrix is None:
-            return np.asarray(sample_positions(size, shifts=relative)[0])
-        turned = sample_positions(size, rotations=relative, intrinsics=self._matrix, distortion=self._lens)
-        return np.asarray(turned[0])
-
-    def _relative(self, pose: NDArray[np.float64], base: NDArray[np.float64]) -> NDArray[np.float64]:
-        if self._matrix is None:
-            return pose - base
-        return rotation_vector(rotation_matrix(base).T @ rotation_matrix(pose))
-
-    def _composed(self, base: NDArray[np.float64], moved: NDArray[np.float64]) -> NDArray[np.float64]:
-        if self._matrix is None:
-            return base + moved
-        return rotation_vector(rotation_matrix(base) @ rotation_matrix(moved))
-
-
-def _overlap(positions: NDArray[np.float32]) -> float:
-    """The share of a frame's pixels (H, W, 2) that look inside the grid."""
-    rows, columns = positions.shape[:2]
-    inside = (
-        (positions > -0.5).all(-1) & (positions[..., 0] < rows - 0.5) & (positions[..., 1] < columns - 0.5)
-    )
-    return float(inside.mean())
-
-
-def _central(positions: NDArray[np.float32]) -> NDArray[np.float64]:
-    """(dy, dx) at the image centre, the mean over the one to four pixels around it."""
-    rows, columns = positions.shape[:2]
-    window = positions[(rows - 1) // 2 : rows // 2 + 1, (columns - 1) // 2 : columns // 2 + 1]
-    return np.asarray(window.mean(axis=(0, 1), dtype=np.float64) - [(rows - 1) / 2, (columns - 1) / 2])
