@@ -40,15 +40,15 @@ METHODS: tuple[Method, ...] = (
 )
 AMBIGUITY_RANGE = 400.0  # the object spans 0..182
 
-# Bytes that one iteration's kernels move per fused pixel, float32, each array once a kernel. Direction: map,
-# data gradient, last step and direction of every channel, stiffness, curvature and radius; the data's
-# operator on the direction; products: four arrays a channel and the stiffness; step: six arrays a channel,
-# four of them written too. With a footprint the operator reads five stencil images and a right side, the
-# prior two slopes.
+# Bytes that one iteration moves per fused pixel, float32, each array once a walk. Direction: map, last step,
+# data gradient (or the map that a diagonal operator draws to), slopes, radius and curvature read, stiffness
+# and direction written. Products: direction, step, stiffness, the operator's five stencil images and six
+# bytes of ties, its products with both; without a footprint its diagonal. Move: map, step, and with a
+# footprint data gradient and the step's product read and written, direction and its product read.
 TRAFFIC = {
-    "lidarboost": 4 * (4 + 3 + 3 + 4 + 1 + 10),
-    "area": 4 * (4 + 2 + 3 + 8 + 4 + 1 + 10),
-    "phasor": 4 * (2 * (4 + 2 + 8 + 4 + 10) + 3 + 1),
+    "lidarboost": 4 * (5 + 2 + 4 + 5),
+    "area": 4 * (7 + 2 + 7 + 1.5 + 3 + 10),
+    "phasor": 4 * (2 * (5 + 1 + 7 + 1.5 + 2 + 10) + 2 + 2),
 }
 
 
