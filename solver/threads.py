@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import numba
 
-_ALONE = 40_000
+ALONE = 40_000
 """Fused pixels up to which one thread is faster: a kernel then takes less than the 0.1 ms or more that waking
 a sleeping thread does (threads sleep when idle, see `solver.kernels`)."""
 
@@ -14,7 +14,7 @@ a sleeping thread does (threads sleep when idle, see `solver.kernels`)."""
 def enough_threads(pixels: int) -> Iterator[None]:
     """Run kernels on one thread for this few fused pixels, on all there are otherwise."""
     before = numba.get_num_threads()
-    if pixels <= _ALONE:
+    if pixels <= ALONE:
         numba.set_num_threads(1)
     try:
         yield

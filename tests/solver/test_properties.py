@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from solver import Fused, FusionInputError, FusionOptions, FusionWarning, fuse
+from solver.threads import ALONE
 
 METHODS = ["nearest", "lidarboost", "area", "phasor"]
 PROFILE = settings(
@@ -110,8 +111,9 @@ def test_the_result_does_not_depend_on_the_threads_or_on_what_ran_before() -> No
     import numba
 
     rng = np.random.default_rng(7)
-    distance = 2 + 0.1 * rng.normal(size=(5, 40, 30)).astype(np.float32)
+    distance = 2 + 0.1 * rng.normal(size=(5, 60, 50)).astype(np.float32)
     shifts = rng.uniform(-1, 1, (5, 2))
+    assert distance[0].size * 16 > ALONE  # smaller images run on one thread anyway
     light = np.full_like(distance, 800.0)
     for method in ("lidarboost", "area", "phasor"):
         options = FusionOptions(method=method)  # type: ignore[arg-type]
