@@ -2,8 +2,7 @@
 
 Images are padded by `PAD` pixels on every side and rows are walked as views with explicit bounds: negative or
 wrapped indices, or a test at the border, would stop the compiler from vectorising. Every loop gives the same
-bits for any number of threads: threads share out whole tiles of rows, and sums are taken per row and added in
-order.
+bits for any number of threads: threads share out rows, and sums are taken per row and added in order.
 """
 
 import os
