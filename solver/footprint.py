@@ -75,14 +75,10 @@ class AreaTerm:
         nodes = (rows - self._size + 3, columns - self._size + 3)
         self._scale, self._offset = float(factor), self.margin - self._size / 2
         self._stencil, self._side = np.zeros((5, *nodes), kind), np.zeros((len(values), *nodes), kind)
-        place = (self._scale, self._offset)
-        spans = kernels.ranges(weights, positions, *place, nodes[0] - 2, nodes[1] - 2)
-        if spans[..., 1].max() < 0:
+        if not self._add(values, weights, positions):
             raise FusionInputError(
                 "no valid pixel falls on the grid of frame 0; expected shifts smaller than the image"
             )
-        samples = (values, weights, positions)
-        team.share(kernels.accumulate, *samples, *place, spans, self._stencil, self._side)
         self._blurred = np.zeros((len(values), *nodes), kind)
         # A footprint's row sum bounds its curvature; half of it was measured to need the fewest iterations.
         inside = np.zeros((1, rows + 2 * PAD, columns + 2 * PAD), kind)
@@ -91,6 +87,34 @@ class AreaTerm:
         self._transform(inside, np.zeros((1, 0, 0), kind), sums)
         self.curvature: NDArray[np.floating] = sums[0]
         self.curvature *= 0.5
+
+    def _add(
+        self, values: NDArray[np.floating], weights: NDArray[np.floating], positions: NDArray[np.float32]
+    ) -> bool:
+        """Add frames to the normal equations; whether any of their samples falls on the map."""
+        place = (self._scale, self._offset)
+        nodes = (self._stencil.shape[1] - 2, self._stencil.shape[2] - 2)
+        spans = kernels.ranges(weights, positions, *place, *nodes)
+        samples = (np.ascontiguousarray(values), weights, positions)
+        team.share(kernels.accumulate, *samples, *place, spans, self._stencil, self._side)
+        return bool(spans[..., 1].max() >= 0)
+
+    def exchange(
+        self,
+        number: int,
+        before: NDArray[np.float32],
+        values: NDArray[np.floating],
+        weights: NDArray[np.floating],
+    ) -> None:
+        """Put a frame, values (C, 1, H, W) and weights (1, H, W), in the place of frame `number`.
+
+        The positions given at first hold the new ones already, `before` (H, W, 2) those of the other frame.
+        The curvature stays as it was: it only has to be about right.
+        """
+        slot = slice(number, number + 1)
+        self._add(self._values[:, slot], -self._weights[slot], before[None])
+        self._values[:, slot], self._weights[slot] = values, weights
+        self._add(values, weights, self._positions[slot])
 
     def operator(self) -> Operator:
         return Operator((self._stencil, self._side, self._taps, self._size))

@@ -123,6 +123,11 @@ def padded(image: Image) -> Image:
     return out
 
 
+def cropped(image: Image, shape: tuple[int, int]) -> Image:
+    """(C, rows, columns): a larger image's middle, with as much left out on either side."""
+    return image[:, *(slice((n - m) // 2, (n + m) // 2) for n, m in zip(image.shape[1:], shape, strict=True))]
+
+
 def minimise(
     term: Term,
     prior: Prior,
@@ -134,6 +139,7 @@ def minimise(
     progress: Progress | None = None,
     certify: bool = True,
     rounding: float | None = None,
+    span: int = 3,
 ) -> Outcome:
     """Run until the objective has settled.
 
@@ -145,6 +151,8 @@ def minimise(
         certify: compute the gap, which is NaN otherwise.
         rounding: the part of the objective that the rounded corner may hide; an eighth of the tolerance
             unless given. Duals settle much sooner at a fixed ε, so for a small gap give more.
+        span: the least number of iterations over which a fall of the objective is measured; a start near the
+            minimum needs no more than one.
     """
     hide = _ROUNDING * tolerance if rounding is None else rounding
     descent = _Descent(term, prior, state)
@@ -154,7 +162,7 @@ def minimise(
     history, settled = np.zeros(0), False
     while len(history) < limit and not settled:
         history = np.append(history, np.zeros(min(_BOUT, limit - len(history))))
-        descent.iterate(numbers, history, (tolerance, hide, _FALL, _PATIENCE, _REFRESH))
+        descent.iterate(numbers, history, (tolerance, hide, _FALL, _PATIENCE, _REFRESH, span))
         count, settled = int(numbers[loop.DONE]), bool(numbers[loop.SETTLED])
         history = history[:count]
         if progress is not None:
@@ -204,7 +212,7 @@ class _Descent:
         self,
         numbers: NDArray[np.float64],
         history: NDArray[np.float64],
-        rule: tuple[float, float, float, float, int],
+        rule: tuple[float, float, float, float, int, int],
     ) -> None:
         """Fill `history`, or stop where the objective has settled; see `solver.kernels.iteration`."""
         arrays = (self._footprint, self._ties, self._data, self._step, self._work, self._sums)

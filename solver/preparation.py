@@ -9,7 +9,7 @@ from solver.errors import FusionInputError
 from solver.fill import reach, smooth
 from solver.kernels import noise as kernels
 from solver.options import FusionOptions
-from solver.problem import Problem, Solution
+from solver.problem import Exchange, Problem, Solution
 
 
 def prepare(
@@ -34,11 +34,41 @@ def prepare(
         distance = np.where(lost, np.float32(np.nan), distance)
     if noise is None:
         noise = noise_law.estimate(distance, amplitude, ambiguity_range)
+    threshold = _threshold(amplitude, noise, ambiguity_range, options)
     if amplitude is None:
         sigma = np.full(distance.shape, noise, np.float32)
     else:
-        distance, sigma = _lit(distance, amplitude, noise, ambiguity_range, options)
-    return Problem(distance, amplitude, positions, sigma, noise, ambiguity_range, guide, options)
+        unlit, distance, sigma = distance, np.empty_like(distance), np.empty_like(distance)
+        if not _light(unlit, amplitude, noise, threshold, sigma, distance):
+            raise FusionInputError(
+                f"every pixel's amplitude is under amplitude_threshold {threshold:g} (highest "
+                f"{np.nanmax(amplitude):g}); lower the threshold or expose longer"
+            )
+    return Problem(distance, amplitude, positions, sigma, noise, ambiguity_range, guide, options, threshold)
+
+
+def exchange(
+    problem: Problem,
+    slot: int,
+    distance: NDArray[np.float32],
+    amplitude: NDArray[np.float32] | None,
+    positions: NDArray[np.float32],
+) -> bool:
+    """Put a frame (H, W) that looks at positions (H, W, 2) in the place of frame `slot`.
+
+    Noise, threshold and what else was learned of all frames stay. Returns whether the frame has a sample.
+    """
+    problem.exchanged = Exchange(slot, problem.positions[slot].copy())
+    problem.positions[slot] = positions
+    lost = np.isnan(positions[..., 0])
+    if lost.any():
+        distance = np.where(lost, np.float32(np.nan), distance)
+    if problem.amplitude is None or amplitude is None:
+        problem.distance[slot] = distance
+        return bool(np.isfinite(distance).any())
+    problem.amplitude[slot] = amplitude
+    kept, sigma = problem.distance[slot], problem.sigma[slot]
+    return _light(distance, amplitude, problem.noise, problem.threshold, sigma, kept) > 0
 
 
 def complete(problem: Problem, solution: Solution) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -54,28 +84,29 @@ def complete(problem: Problem, solution: Solution) -> tuple[NDArray[np.float32],
     return distance, deviation(problem, solution, precision, away, distance)
 
 
-def _lit(
+def _threshold(
+    amplitude: NDArray[np.float32] | None, noise: float, ambiguity_range: float | None, options: FusionOptions
+) -> float:
+    """That of T_k in the paper. `phasor` and `area` weigh samples by themselves."""
+    if options.amplitude_threshold != "auto":
+        return float(options.amplitude_threshold)
+    if amplitude is None or options.method in ("phasor", "area"):
+        return 0.0
+    return noise_law.amplitude_threshold(amplitude, noise, ambiguity_range)
+
+
+def _light(
     distance: NDArray[np.float32],
     amplitude: NDArray[np.float32],
     noise: float,
-    ambiguity_range: float | None,
-    options: FusionOptions,
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """T_k of the paper: NaN where the amplitude is under the threshold. `phasor` weighs samples by itself.
+    threshold: float,
+    sigma: NDArray[np.float32],
+    kept: NDArray[np.float32],
+) -> int:
+    """kept ← T_k of the paper: NaN where the amplitude is under the threshold; the number of samples left.
 
-    Also one standard deviation of each sample, infinite at amplitude 0.
+    sigma ← one standard deviation of each sample, infinite at amplitude 0.
     """
-    threshold = options.amplitude_threshold
-    if threshold == "auto":
-        if options.method in ("phasor", "area"):
-            threshold = 0.0
-        else:
-            threshold = noise_law.amplitude_threshold(amplitude, noise, ambiguity_range)
-    kept, sigma = np.empty_like(distance), np.empty_like(distance)
-    flat = distance.ravel(), amplitude.ravel()
-    if not kernels.light(*flat, np.float32(noise), np.float32(threshold), sigma.ravel(), kept.ravel()):
-        raise FusionInputError(
-            f"every pixel's amplitude is under amplitude_threshold {threshold:g} (highest "
-            f"{np.nanmax(amplitude):g}); lower the threshold or expose longer"
-        )
-    return kept, sigma
+    flat = (image.reshape(-1) for image in (sigma, kept))
+    law = np.float32(noise), np.float32(threshold)
+    return int(kernels.light(distance.ravel(), amplitude.ravel(), *law, *flat))

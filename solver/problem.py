@@ -12,7 +12,20 @@ from solver.result import Progress
 from solver.reweighting import Trail
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
+class Exchange:
+    """That a frame has taken another one's place.
+
+    Attributes:
+        slot: its number among the N.
+        before: (H, W, 2), where the other one looked.
+    """
+
+    slot: int
+    before: NDArray[np.float32]
+
+
+@dataclass
 class Problem:
     """Registered frames, ready to be fused.
 
@@ -26,6 +39,8 @@ class Problem:
         ambiguity_range: in the unit of distance, or None.
         guide: (βH, βW) float32 intensity, or None.
         options: the caller's choices, `method` already resolved.
+        threshold: the amplitude under which samples were left out; 0 = none were.
+        exchanged: all by which it differs from what it was when it was last solved; None = not solved before.
     """
 
     distance: NDArray[np.float32]
@@ -36,6 +51,8 @@ class Problem:
     ambiguity_range: float | None
     guide: NDArray[np.float32] | None
     options: FusionOptions
+    threshold: float = 0.0
+    exchanged: Exchange | None = None
 
     @property
     def fused_shape(self) -> tuple[int, int]:
@@ -45,12 +62,17 @@ class Problem:
 
     @cached_property
     def usual_deviation(self) -> float:
-        """The median of sigma over the used samples, never 0."""
+        """The median of sigma over the used samples, never 0; of those at first, where frames change."""
         return noise_law.usual_deviation(self.distance, self.sigma)
 
     @cached_property
+    def usual_light(self) -> float:
+        """The median amplitude of the used samples, 0 where there is none; at first, where frames change."""
+        return 0.0 if self.amplitude is None else noise_law.median_light(self.amplitude, self.distance)
+
+    @cached_property
     def spread(self) -> float:
-        """The scene's range of distances, see `solver.noise`."""
+        """The scene's range of distances, see `solver.noise`; at first, where frames change."""
         return noise_law.spread(self.distance)
 
 

@@ -54,33 +54,33 @@ class Reweighting:
 
 
 @dataclass(frozen=True, slots=True)
-class Trail:
-    """Where the passes of a run ended, from which those of the next one on about the same data start.
-
-    Attributes:
-        maps: by pass, (C, rows + 4, columns + 4) in the caller's unit.
-        epsilons: by pass, see `State`.
-    """
-
-    maps: tuple[NDArray[np.floating], ...]
-    epsilons: tuple[float, ...]
-
-
-@dataclass(frozen=True, slots=True)
 class Unit:
     """A map in the caller's unit is `scale` · x + `offset`, x being in units of λ."""
 
     scale: float
     offset: float = 0.0
 
-    def outward(self, x: NDArray[np.floating]) -> NDArray[np.floating]:
-        """From units of λ."""
-        return np.asarray(x * x.dtype.type(self.scale) + x.dtype.type(self.offset))
 
-    def inward(self, image: NDArray[np.floating]) -> NDArray[np.floating]:
-        """To units of λ."""
-        kind = image.dtype.type
-        return np.asarray((image - kind(self.offset)) * kind(1 / self.scale))
+@dataclass(frozen=True, slots=True)
+class Trail:
+    """Where the passes of a run ended, from which the next run on about the same data starts.
+
+    Attributes:
+        unit: of the states.
+        states: by pass.
+        term: the data term of the last pass.
+    """
+
+    unit: Unit
+    states: tuple[State, ...]
+    term: Term
+
+    def start(self, turn: int, unit: Unit) -> State:
+        """The end of a pass as a start without weights, in another unit."""
+        state, kind = self.states[turn], self.states[turn].x.dtype.type
+        x = state.x * kind(self.unit.scale / unit.scale)
+        x += kind((self.unit.offset - unit.offset) / unit.scale)
+        return State(x, np.ones_like(x[0]), level(x), state.epsilon)
 
 
 def minimise_reweighted(
@@ -99,13 +99,13 @@ def minimise_reweighted(
     Without a plan there is one pass, not weighted. It starts from the map `first()`, (C, rows, columns) in
     units of λ, or from the `trail` of a run before, whose outcome is not certified: its gap is NaN.
     """
-    state = start(first()) if trail is None else _resumed(trail, 0, unit)
+    state = start(first()) if trail is None else trail.start(0, unit)
     done, ends = 0, []
     passes, early = (0, 0.0) if plan is None else (plan.passes, plan.tolerance)
     for turn in range(passes + 1):
         last = turn == passes
         if turn and trail is not None:
-            state = replace(_resumed(trail, turn, unit), radius=state.radius, slope=state.slope)
+            state = replace(trail.start(turn, unit), radius=state.radius, slope=state.slope)
         outcome = minimise(
             term,
             prior,
@@ -117,11 +117,30 @@ def minimise_reweighted(
             certify=last and trail is None,
         )
         done += outcome.iterations
-        ends.append((unit.outward(state.x), state.epsilon))
+        ends.append(state if last else replace(state, x=state.x.copy()))
         if plan is not None and not last:
             term = _learn(prior, state, plan)
-    maps, epsilons = zip(*ends, strict=True)
-    return replace(outcome, iterations=done), Trail(maps, epsilons)
+    return replace(outcome, iterations=done), Trail(unit, tuple(ends), term)
+
+
+def resume(term: Term, prior: Prior, trail: Trail, options: FusionOptions) -> tuple[Outcome, Trail]:
+    """Run the last pass alone, on data of which a small part has changed; its gap is NaN.
+
+    Weights, slope and ties stay: what one frame of many adds to them is not seen. So near the minimum, three
+    iterations mostly do.
+    """
+    state = trail.states[-1]
+    state.fit = None
+    outcome = minimise(
+        term,
+        prior,
+        state,
+        tolerance=options.tolerance,
+        limit=options.max_iterations,
+        certify=False,
+        span=1,
+    )
+    return outcome, replace(trail, term=term)
 
 
 def _learn(prior: Prior, state: State, plan: Reweighting) -> Term:
@@ -134,8 +153,3 @@ def _learn(prior: Prior, state: State, plan: Reweighting) -> Term:
     state.radius[...] = kind(plan.gain) * kept
     state.epsilon, state.fit = 0.0, None
     return plan.tied(ties)
-
-
-def _resumed(trail: Trail, turn: int, unit: Unit) -> State:
-    x = unit.inward(trail.maps[turn])
-    return State(x, np.ones_like(x[0]), level(x), trail.epsilons[turn])

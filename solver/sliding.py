@@ -1,8 +1,7 @@
 """Streaming: a window of the last N frames, fused anew with every frame from where it was."""
 
 import time
-from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,11 +13,12 @@ from solver.errors import FusionInputError, RegistrationError
 from solver.fusion import resolve, warn_unconverged
 from solver.methods import load
 from solver.options import FusionOptions
-from solver.poses import PoseSpace, central, overlap
-from solver.preparation import complete, prepare
+from solver.poses import Pose, PoseSpace, central
+from solver.preparation import complete
 from solver.problem import Solution
 from solver.result import Fused, Report, Seconds
 from solver.threads import enough_threads
+from solver.window import Window
 
 _LOST = 5
 """Frames in a row that do not fit, after which the scene is taken for another one."""
@@ -28,18 +28,6 @@ _FEW = 6
 
 if TYPE_CHECKING:
     from solver.registration import Track
-
-
-@dataclass(frozen=True, slots=True)
-class _Entry:
-    """One frame of the window; its pose is relative to the first frame pushed."""
-
-    number: int
-    distance: NDArray[np.float32]
-    amplitude: NDArray[np.float32] | None
-    pose: NDArray[np.float64]
-    positions: NDArray[np.float32]
-    noise: float
 
 
 class SlidingFusion:
@@ -75,14 +63,13 @@ class SlidingFusion:
         self._matrix, self._lens = checks.check_intrinsics(intrinsics, distortion)
         self._space = PoseSpace(self._matrix, self._lens)
         self._noise = checks.check_scalar("noise", noise)
-        self._window: deque[_Entry] = deque(maxlen=int(window))
+        self._size = int(window)
         self.reset()
 
     def reset(self) -> None:
         """Forget every frame; the next one pushed fixes the grid."""
-        self._window.clear()
+        self._window = Window(self._size, self._space)
         self._pushed, self._misfits = 0, 0
-        self._grid = self._space.origin()
         self._last: Solution | None = None
         self._track: Track | None = None
 
@@ -117,7 +104,7 @@ class SlidingFusion:
         given = self._given(shift, rotation)
         guess = None
         if initial is not None:
-            guess = checks.check_vectors("initial", np.asarray(initial)[None], 1, (len(self._grid),))
+            guess = checks.check_vectors("initial", np.asarray(initial)[None], 1, (len(self._window.grid),))
         with enough_threads(frame.size * options.upsampling**2):
             notes: tuple[str, ...] = ()
             if given is None:
@@ -145,12 +132,12 @@ class SlidingFusion:
         self._window.clear()
         self._last, self._track = None, None
         why = f"the stream started over at frame {self._pushed}: {_LOST} frames in a row did not fit"
-        return self._grid if guess is None else guess, (why,)
+        return self._window.grid if guess is None else guess, (why,)
 
     def _check_like(self, frame: NDArray[np.float32], light: NDArray[np.float32] | None) -> None:
-        if not self._window:
+        if not self._window.entries:
             return
-        first = self._window[0]
+        first = self._window.entries[0]
         if frame.shape != first.distance.shape:
             raise FusionInputError(
                 f"the frame has shape {frame.shape}; "
@@ -169,7 +156,7 @@ class SlidingFusion:
         if name != wanted:
             having = "without" if wanted == "shift" else "with"
             raise FusionInputError(f"{name} is given; a stream {having} intrinsics takes {wanted}")
-        vector = checks.check_vectors(name, np.asarray(value)[None], 1, (len(self._grid),))
+        vector = checks.check_vectors(name, np.asarray(value)[None], 1, (len(self._window.grid),))
         return None if vector is None else vector[0]
 
     def _register(
@@ -179,12 +166,12 @@ class SlidingFusion:
         guess: NDArray[np.float64] | None,
     ) -> NDArray[np.float64]:
         """The pose of a frame, which follows the track of the ones before."""
-        if not self._window:
-            return np.zeros_like(self._grid)
+        if not self._window.entries:
+            return np.zeros_like(self._window.grid)
         from solver.registration import Track, register
 
-        entries = list(self._window)
-        base = self._grid if len(entries) >= _FEW else entries[0].pose
+        entries = list(self._window.entries)
+        base = self._window.grid if len(entries) >= _FEW else entries[0].pose
         poses = np.stack([self._space.relative(entry.pose, base) for entry in entries])
         first = poses[-1] if guess is None else self._space.relative(guess, base)
         image = None if light is None else light[0]
@@ -203,7 +190,7 @@ class SlidingFusion:
             moved = (found.shifts if found.rotations is None else found.rotations)[-1]
             return self._space.composed(base, moved)
         if self._track is None:
-            self._track = Track(self._window.maxlen or 1, self._matrix, self._lens, self._range)
+            self._track = Track(self._size, self._matrix, self._lens, self._range)
             for entry, pose in zip(entries, poses, strict=True):
                 self._track.add(entry.distance, entry.amplitude, pose)
         try:
@@ -215,49 +202,31 @@ class SlidingFusion:
         return f"frame {self._pushed} does not fit the ones before: {why}"
 
     def _append(
-        self, frame: NDArray[np.float32], light: NDArray[np.float32] | None, pose: NDArray[np.float64]
+        self, frame: NDArray[np.float32], light: NDArray[np.float32] | None, pose: Pose
     ) -> tuple[str, ...]:
-        positions = self._space.positions(frame.shape, pose, self._grid)
-        notes: tuple[str, ...] = ()
-        if not self._window:
-            self._grid = pose
-            positions = self._space.positions(frame.shape, pose, self._grid)
-        elif overlap(positions) < 0.5:
-            self._grid, self._last, self._track = pose, None, None
-            kept = [
-                replace(entry, positions=self._space.positions(frame.shape, entry.pose, self._grid))
-                for entry in self._window
-            ]
-            self._window.clear()
-            self._window.extend(kept)
-            positions = self._space.positions(frame.shape, pose, self._grid)
-            notes = (
-                f"the grid moved to frame {self._pushed}: it overlapped the former one by less than half",
-            )
         noise = self._noise
         if noise is None:
             noise = noise_law.estimate(frame[None], None if light is None else light[None], self._range)
-        self._window.append(_Entry(self._pushed, frame, light, pose, positions, noise))
+        number = self._pushed
         self._pushed += 1
-        return notes
+        if not self._window.add(number, frame, light, pose, noise):
+            return ()
+        self._last, self._track = None, None
+        return (f"the grid moved to frame {number}: it overlapped the former one by less than half",)
 
     def _fuse(self, options: FusionOptions, notes: tuple[str, ...], begin: float, registered: float) -> Fused:
-        entries = list(self._window)
-        lights = [entry.amplitude for entry in entries if entry.amplitude is not None]
-        problem = prepare(
-            np.stack([entry.distance for entry in entries]),
-            np.stack(lights) if lights else None,
-            np.stack([entry.positions for entry in entries]),
-            options=options,
-            ambiguity_range=self._range,
-            noise=float(np.median([entry.noise for entry in entries])),
-        )
-        solution = load(options.method)(problem, initial=self._last)
+        try:
+            problem = self._window.problem(options, self._range)
+            solution = load(options.method)(problem, initial=self._last)
+        except BaseException:
+            self._window.renew()  # it may have got half-way
+            raise
         self._last = solution
         distance, spread = complete(problem, solution)
         if not solution.converged:
             warn_unconverged(options, solution, stacklevel=4)
-        relative = np.stack([self._space.relative(entry.pose, self._grid) for entry in entries])
+        entries = self._window.entries
+        relative = np.stack([self._space.relative(entry.pose, self._window.grid) for entry in entries])
         report = Report(
             method=options.method,
             regularization=solution.regularization,

@@ -72,26 +72,30 @@ class Ties:
 
 
 class Tied:
-    """A data term and ties, together a `Term`."""
+    """A data term and ties, together a `Term`.
+
+    Attributes:
+        data: the data term; `curvature` is that of both.
+    """
 
     def __init__(self, term: AreaTerm, ties: Ties) -> None:
-        self._term, self._ties = term, ties
+        self.data, self._ties = term, ties
         self.curvature: Image = term.curvature.copy()
         kernels.add_diagonal(ties.levels, ties.unit, self.curvature)
         self._lift: Image = np.zeros_like(ties.slope[:, 0])
         kernels.lift(ties.slope, ties.levels, ties.unit, self._lift)
 
     def operator(self) -> Operator:
-        return replace(self._term.operator(), ties=(self._ties.levels, self._ties.unit, self._lift))
+        return replace(self.data.operator(), ties=(self._ties.levels, self._ties.unit, self._lift))
 
     def gradient(self, x: Image, out: Image) -> None:
         """out ← the gradient at the padded map x."""
-        self._term.gradient(x, out)
+        self.data.gradient(x, out)
         team.share(kernels.pull_all, x, self._ties.levels, self._ties.unit, out)
         out += self._lift
 
     def value(self, x: Image) -> float:
-        return self._term.value(x) + float(self.sums(x)[0])
+        return self.data.value(x) + float(self.sums(x)[0])
 
     def sums(self, x: Image) -> NDArray[np.float64]:
         """(2,): ½ Σ t (G x − s)² and ½ Σ t (s² − (G x)²)."""
@@ -100,4 +104,4 @@ class Tied:
     def certify(self, state: State, dual: Image, prior: Prior) -> tuple[float, float]:
         pull: Image = np.zeros_like(state.x)
         self.gradient(state.x, pull)
-        return self._term.bound(state, dual, prior, pull, self.sums(state.x))
+        return self.data.bound(state, dual, prior, pull, self.sums(state.x))

@@ -31,7 +31,7 @@ def ranges(weights, positions, scale, offset, nodes, across):  # type: ignore[no
         for i in range(rows):
             low, high = np.inf, -np.inf
             for j in range(columns):
-                if weights[k, i, j] > 0:
+                if weights[k, i, j] != 0:
                     at = (float(positions[k, i, j, 0]) + 0.5) * scale + offset
                     beside = (float(positions[k, i, j, 1]) + 0.5) * scale + offset
                     if 0 <= at <= nodes - 1 and 0 <= beside <= across - 1:
@@ -50,7 +50,8 @@ def accumulate(  # type: ignore[no-untyped-def]
     Bands of node rows are filled one by one, which keeps them in cache and gives each band one writer.
 
     Args:
-        values: (C, N, H, W); weights: (N, H, W), 0 = not used; positions: (N, H, W, 2).
+        values: (C, N, H, W); weights: (N, H, W), 0 = not used, negative takes a frame away again; positions:
+            (N, H, W, 2).
         scale: β; offset: node of a footprint centred on coordinate 0 of the fused grid's edges.
         spans: their `ranges`; stencil: (5, …), right_side: (C, …).
     """
@@ -65,7 +66,7 @@ def accumulate(  # type: ignore[no-untyped-def]
                     continue
                 for j in range(columns):
                     weight = weights[k, i, j]
-                    if weight <= 0:
+                    if weight == 0:
                         continue
                     u, fu = _corner(positions[k, i, j, 0], scale, offset, node_rows)
                     if u + 1 < top or u >= end:

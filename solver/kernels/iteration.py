@@ -45,14 +45,14 @@ def least(along, across, zz, zd, dd):  # type: ignore[no-untyped-def]
 
 
 @njit
-def error(history, count):  # type: ignore[no-untyped-def]
+def error(history, count, least):  # type: ignore[no-untyped-def]
     """How far the last of `count` objectives is above the least, estimated; infinite while too early to tell.
 
-    Two falls over a third of the iterations each, the older d and the later e: if falls go on with the
-    ratio e / d, what is left is e² / (d − e). Three times the estimate, and at least the last
-    fall, is for falls that slow down.
+    Two falls over a third of the iterations each (at least over the `least` number), the older d and the
+    later e: if falls go on with the ratio e / d, what is left is e² / (d − e). Three times the estimate, and
+    at least the last fall, is for falls that slow down.
     """
-    span = max(3, count // 3)
+    span = max(least, count // 3)
     if count <= 2 * span:
         return np.inf
     last, before, first = history[count - 1], history[count - 1 - span], history[count - 1 - 2 * span]
@@ -80,7 +80,8 @@ def _compiled(sources: str):  # type: ignore[no-untyped-def]
             data: (C, …), the data term's gradient, kept up to date; or that map.
             work: (direction (C, …), its product with the operator, the step's, stiffness (…)).
             sums: (2, rows, 6).
-            rule: (tolerance, part that the rounding may hide, fall of ε, patience, iterations to a refresh).
+            rule: (tolerance, part that the rounding may hide, fall of ε, patience, iterations to a refresh,
+                least iterations of a fall).
             numbers: (4,) in and out: ε, value of the data term, iterations, 1 = settled.
             history: objectives by iteration, out.
         """
@@ -88,7 +89,7 @@ def _compiled(sources: str):  # type: ignore[no-untyped-def]
         stencil, side, taps, taps_size = footprint
         levels, unit, lift = ties
         direction, curved, curved_step, stiffness = work
-        tolerance, hide, fall_of_epsilon, patience, refresh = rule
+        tolerance, hide, fall_of_epsilon, patience, refresh, span = rule
         channels, rows, tied = x.shape[0], x.shape[1] - 4, levels.shape[1] > 0
         diagonal, two, none = stencil.shape[1] == 0, x.dtype.type(2), np.zeros((0, 0), x.dtype)
         rows_of = [rings(x.shape[2] - 4, taps, taps_size) for _ in range(channels)]
@@ -134,7 +135,7 @@ def _compiled(sources: str):  # type: ignore[no-untyped-def]
             count += 1
             fit += a * data_along + b * data_across
             fit += 0.5 * (a * a * s[3] + 2 * a * b * s[4] + b * b * s[5])
-            left = error(own, count)
+            left = error(own, count, span)
             settled = hidden <= hide * value and left <= tolerance * value
             if hidden > max(0.5 * hide * value, patience * left if left < np.inf else 0.0):
                 epsilon *= fall_of_epsilon

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.footprint import AreaTerm
+from solver.memory_gradient import Outcome, cropped
 from solver.noise import relief
 from solver.prior import Prior
-from solver.problem import Problem, Solution
+from solver.problem import Exchange, Problem, Solution
 from solver.result import Progress
-from solver.reweighting import Reweighting, Unit, minimise_reweighted
+from solver.reweighting import Reweighting, Trail, Unit, minimise_reweighted, resume
 from solver.ties import Tied
 
 _NOISE, _CLEAN = 15.0, 0.0006
@@ -53,28 +54,14 @@ early), in four times the iterations; at its own noise nothing changes."""
 
 def solve(problem: Problem, *, initial: Solution | None = None, progress: Progress | None = None) -> Solution:
     """Minimise E; what no footprint covers is inpainted by the prior."""
-    used = np.isfinite(problem.distance)
-    factor = problem.options.upsampling
-    weights = _weights(problem, used)
-    strength = _strength(problem, used)
-    middle = 0.5 * (float(problem.distance[used].min()) + float(problem.distance[used].max()))
-    values = np.where(used, (problem.distance - middle) / strength, 0).astype(np.float32)
-    term = AreaTerm(values[None], weights, problem.positions, factor, problem.options.footprint)
-    m = term.margin
-    extent = max(problem.spread, strength)
-    outcome, trail = minimise_reweighted(
-        term,
-        Prior(problem.options.neighbourhood),
-        term.mean,
-        _plan(term, extent / strength),
-        unit=Unit(strength, middle),
-        options=problem.options,
-        trail=initial.trail if initial is not None else None,
-        progress=progress,
-    )
-    inner = outcome.state.x[0, 2 + m : -2 - m, 2 + m : -2 - m]
+    trail = None if initial is None else initial.trail
+    if problem.exchanged is not None and trail is not None:
+        outcome, trail = _resume(problem, problem.exchanged, trail)
+    else:
+        outcome, trail = _run(problem, trail, progress)
+    strength, middle = trail.unit.scale, trail.unit.offset
     return Solution(
-        inner * np.float32(strength) + np.float32(middle),
+        cropped(outcome.state.x, problem.fused_shape)[0] * np.float32(strength) + np.float32(middle),
         None,
         strength,
         outcome.iterations,
@@ -84,6 +71,41 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         relative=strength / problem.usual_deviation,
         trail=trail,
     )
+
+
+def _run(problem: Problem, trail: Trail | None, progress: Progress | None) -> tuple[Outcome, Trail]:
+    used = np.isfinite(problem.distance)
+    strength = _strength(problem, used)
+    unit = Unit(strength, 0.5 * (float(problem.distance[used].min()) + float(problem.distance[used].max())))
+    options = problem.options
+    values, weights = _samples(problem, unit, slice(None))
+    term = AreaTerm(values, weights, problem.positions, options.upsampling, options.footprint)
+    return minimise_reweighted(
+        term,
+        Prior(options.neighbourhood),
+        term.mean,
+        _plan(term, max(problem.spread, strength) / strength),
+        unit=unit,
+        options=options,
+        trail=trail,
+        progress=progress,
+    )
+
+
+def _resume(problem: Problem, change: Exchange, trail: Trail) -> tuple[Outcome, Trail]:
+    slot = slice(change.slot, change.slot + 1)
+    tied = trail.term
+    assert isinstance(tied, Tied)
+    tied.data.exchange(change.slot, change.before, *_samples(problem, trail.unit, slot))
+    return resume(tied, Prior(problem.options.neighbourhood), trail, problem.options)
+
+
+def _samples(problem: Problem, unit: Unit, frames: slice) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Values (1, n, H, W) in units of λ and weights (n, H, W) of n frames."""
+    distance = problem.distance[frames]
+    used = np.isfinite(distance)
+    scaled = (distance - np.float32(unit.offset)) * np.float32(1 / unit.scale)
+    return np.where(used, scaled, np.float32(0))[None], _weights(problem, used, frames)
 
 
 def _plan(term: AreaTerm, extent: float) -> Reweighting:
@@ -111,11 +133,19 @@ def _strength(problem: Problem, used: NDArray[np.bool_]) -> float:
     return float(np.hypot(noise * np.sqrt(noise / (_NOISE * steps)), _CLEAN * extent))
 
 
-def _weights(problem: Problem, used: NDArray[np.bool_]) -> NDArray[np.float32]:
-    usual = problem.usual_deviation
-    if not np.isfinite(problem.sigma[used]).any() or not problem.noise:
+def _weights(problem: Problem, used: NDArray[np.bool_], frames: slice) -> NDArray[np.float32]:
+    usual, sigma = problem.usual_deviation, problem.sigma[frames]
+    if not problem.noise or not _any_within(problem, used & np.isfinite(sigma), np.inf):
         return used.astype(np.float32)
     if problem.ambiguity_range is not None:
-        kept = used & (problem.sigma <= problem.ambiguity_range / _LOST)
-        used = kept if kept.any() else used
-    return np.where(used, np.minimum((usual / problem.sigma) ** 2, _MOST), 0).astype(np.float32)
+        kept = used & (sigma <= problem.ambiguity_range / _LOST)
+        used = kept if _any_within(problem, kept, problem.ambiguity_range / _LOST) else used
+    return np.where(used, np.minimum((usual / sigma) ** 2, _MOST), 0).astype(np.float32)
+
+
+def _any_within(problem: Problem, kept: NDArray[np.bool_], most: float) -> bool:
+    """Whether any is kept of some frames, or else any sample of all frames deviates by at most this much."""
+    if kept.any():
+        return True
+    limit = min(most, float(np.finfo(np.float32).max))
+    return bool((np.isfinite(problem.distance) & (problem.sigma <= limit)).any())

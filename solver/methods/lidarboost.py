@@ -9,10 +9,11 @@ CVPR 2009. The whole image is solved at once; W_k is sparse (one fused pixel und
 import numpy as np
 
 from solver.fill import smoothed
+from solver.memory_gradient import cropped
 from solver.prior import Prior
 from solver.problem import Problem, Solution
 from solver.result import Progress
-from solver.reweighting import Unit, minimise_reweighted
+from solver.reweighting import Unit, minimise_reweighted, resume
 from solver.sampling import SparseTerm, sample
 
 _NOISE, _MIXING = 1.2, 0.01
@@ -24,23 +25,31 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     """Minimise E; pixels without samples are inpainted by the prior."""
     used = np.isfinite(problem.distance)
     samples = sample(problem.distance, used.astype(np.float32), problem.positions, problem.options.upsampling)
-    strength = _strength(problem)
+    trail = None if initial is None else initial.trail
+    going_on = None if problem.exchanged is None else trail
     # In units of λ about the middle of the data, so that float32 serves any unit and λ is 1.
     middle = 0.5 * (samples.low + samples.high)
+    unit = going_on.unit if going_on is not None else Unit(_strength(problem), middle)
+    strength, middle = unit.scale, unit.offset
     mean = samples.mean
     mean -= np.float32(middle)
     mean *= np.float32(1 / strength)
-    outcome, trail = minimise_reweighted(
-        SparseTerm(samples.weight, mean, samples.constant / strength**2),
-        Prior(problem.options.neighbourhood),
-        lambda: smoothed(mean, samples.weight, problem.options.upsampling)[None],
-        None,
-        unit=Unit(strength, middle),
-        options=problem.options,
-        trail=initial.trail if initial is not None else None,
-        progress=progress,
-    )
-    fused = outcome.state.x[0, 2:-2, 2:-2] * np.float32(strength) + np.float32(middle)
+    term = SparseTerm(samples.weight, mean, samples.constant / strength**2)
+    prior = Prior(problem.options.neighbourhood)
+    if going_on is not None:
+        outcome, trail = resume(term, prior, going_on, problem.options)
+    else:
+        outcome, trail = minimise_reweighted(
+            term,
+            prior,
+            lambda: smoothed(mean, samples.weight, problem.options.upsampling)[None],
+            None,
+            unit=unit,
+            options=problem.options,
+            trail=trail,
+            progress=progress,
+        )
+    fused = cropped(outcome.state.x, problem.fused_shape)[0] * np.float32(strength) + np.float32(middle)
     return Solution(
         fused,
         None,

@@ -11,17 +11,18 @@ nearly uniform in the complex plane, so dark samples need no weights. A second p
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from solver.errors import FusionInputError
 from solver.footprint import AreaTerm
 from solver.kernels import phasor as phasors
 from solver.kernels import team
-from solver.noise import median_light
+from solver.memory_gradient import cropped
 from solver.plausibility import around
 from solver.prior import Prior
 from solver.problem import Problem, Solution
 from solver.result import Progress
-from solver.reweighting import Reweighting, Unit, minimise_reweighted
+from solver.reweighting import Reweighting, Unit, minimise_reweighted, resume
 from solver.ties import Tied
 from solver.unmixing import unmix
 
@@ -48,42 +49,33 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     """
     if problem.amplitude is None or problem.ambiguity_range is None:
         raise FusionInputError("phasor needs amplitude and ambiguity_range")
-    usual = median_light(problem.amplitude, problem.distance)
+    usual = problem.usual_light
     if not usual:
         raise FusionInputError("amplitude is 0 wherever there is a distance; phasor needs received light")
     turn = 2 * np.pi / problem.ambiguity_range
     sigma = turn * problem.noise / usual
     asked = problem.options.regularization
     strength = max(_AUTO * sigma, _LEAST) if asked == "auto" else float(asked)
-    used = np.isfinite(problem.distance)
-    phase = problem.distance * np.float32(turn)
-    values = np.empty((2, *phase.shape), np.float32)
-    np.cos(phase, out=values[0])
-    np.sin(phase, out=values[1])
-    values *= problem.amplitude * np.float32(1 / (usual * strength))
-    factor = problem.options.upsampling
-    weights = used.astype(np.float32)
-    term = AreaTerm(values, weights, problem.positions, factor, problem.options.footprint)
-    outcome, trail = minimise_reweighted(
-        term,
-        Prior(problem.options.neighbourhood),
-        term.mean,
-        Reweighting(
-            tied=partial(Tied, term),
-            passes=_PASSES,
-            gain=_GAIN,
-            epsilon=_EPSILON / strength,
-            edge=_EDGE / strength,
-            tie=_GAIN * strength / _TIE,
-            across=_ACROSS / strength,
-        ),
-        unit=Unit(strength * usual),
-        options=problem.options,
-        trail=initial.trail if initial is not None else None,
-        progress=progress,
-    )
-    inner = slice(2 + term.margin, -2 - term.margin)
-    z = unmix(outcome.state.x[:, inner, inner] * np.float32(strength))
+    factor, prior = problem.options.upsampling, Prior(problem.options.neighbourhood)
+    change, trail = problem.exchanged, None if initial is None else initial.trail
+    if change is not None and trail is not None and isinstance(trail.term, Tied):
+        slot = slice(change.slot, change.slot + 1)
+        trail.term.data.exchange(change.slot, change.before, *_samples(problem, slot, trail.unit.scale))
+        outcome, trail = resume(trail.term, prior, trail, problem.options)
+    else:
+        samples = _samples(problem, slice(None), strength * usual)
+        term = AreaTerm(*samples, problem.positions, factor, problem.options.footprint)
+        outcome, trail = minimise_reweighted(
+            term,
+            prior,
+            term.mean,
+            _plan(term, strength),
+            unit=Unit(strength * usual),
+            options=problem.options,
+            trail=trail,
+            progress=progress,
+        )
+    z = unmix(cropped(outcome.state.x, problem.fused_shape) * np.float32(strength))
     distance, amplitude = z
     low, high = around(problem, problem.noise / usual, problem.ambiguity_range)
     team.share(
@@ -107,4 +99,29 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         outcome.converged,
         relative=strength / max(sigma, 1e-12),
         trail=trail,
+    )
+
+
+def _samples(problem: Problem, frames: slice, unit: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Values (2, n, H, W) in the unit given and weights (n, H, W) of n frames."""
+    assert problem.amplitude is not None
+    assert problem.ambiguity_range is not None
+    distance = problem.distance[frames]
+    phase = distance * np.float32(2 * np.pi / problem.ambiguity_range)
+    values = np.empty((2, *phase.shape), np.float32)
+    np.cos(phase, out=values[0])
+    np.sin(phase, out=values[1])
+    values *= problem.amplitude[frames] * np.float32(1 / unit)
+    return values, np.isfinite(distance).astype(np.float32)
+
+
+def _plan(term: AreaTerm, strength: float) -> Reweighting:
+    return Reweighting(
+        tied=partial(Tied, term),
+        passes=_PASSES,
+        gain=_GAIN,
+        epsilon=_EPSILON / strength,
+        edge=_EDGE / strength,
+        tie=_GAIN * strength / _TIE,
+        across=_ACROSS / strength,
     )

@@ -1,0 +1,110 @@
+"""The latest frames of a stream on one grid, and the problem that they make."""
+
+from collections import deque
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.options import FusionOptions
+from solver.poses import Pose, PoseSpace, overlap
+from solver.preparation import exchange, prepare
+from solver.problem import Problem
+
+_MANY = 8
+"""Frames of which one is a small part: a problem of fewer is prepared anew with every frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One frame; its pose is relative to the first frame of the stream."""
+
+    number: int
+    distance: NDArray[np.float32]
+    amplitude: NDArray[np.float32] | None
+    pose: Pose
+    positions: NDArray[np.float32]
+    noise: float
+
+
+class Window:
+    """The last `size` frames.
+
+    The problem of a full window, unless its frames are few, changes frame by frame. After as many frames as
+    it holds it is prepared anew: noise, λ and what else belongs to all frames follow the scene that slowly,
+    and sums that frames are added to and taken from do not gather rounding errors.
+
+    Attributes:
+        grid: pose of the frame on whose grid positions are.
+        entries: oldest first.
+    """
+
+    def __init__(self, size: int, space: PoseSpace) -> None:
+        self._size, self._space = size, space
+        self.entries: deque[Entry] = deque(maxlen=size)
+        self.grid = space.origin()
+        self.renew()
+
+    def clear(self) -> None:
+        """Forget every frame."""
+        self.entries.clear()
+        self.renew()
+
+    def renew(self) -> None:
+        """Have the next problem prepared anew."""
+        self._problem: Problem | None = None
+        self._exchanges = 0
+
+    def add(
+        self,
+        number: int,
+        distance: NDArray[np.float32],
+        amplitude: NDArray[np.float32] | None,
+        pose: Pose,
+        noise: float,
+    ) -> bool:
+        """Add a frame (H, W), for which a full window gives up its oldest; whether the grid moved to it."""
+        if not self.entries:
+            self.grid = pose
+        positions = self._space.positions(distance.shape, pose, self.grid)
+        moved = overlap(positions) < 0.5
+        if moved:
+            self._move(pose)
+            positions = self._space.positions(distance.shape, pose, self.grid)
+        full = len(self.entries) == self._size >= _MANY
+        self.entries.append(Entry(number, distance, amplitude, pose, positions, noise))
+        if self._problem is None or not full or self._exchanges == self._size:
+            self.renew()
+        elif exchange(self._problem, self._exchanges, distance, amplitude, positions):
+            self._exchanges += 1
+        else:
+            self.renew()
+        return moved
+
+    def _move(self, grid: Pose) -> None:
+        self.grid = grid
+        kept = [
+            replace(entry, positions=self._space.positions(entry.distance.shape, entry.pose, grid))
+            for entry in self.entries
+        ]
+        self.entries.clear()
+        self.entries.extend(kept)
+        self.renew()
+
+    def problem(self, options: FusionOptions, ambiguity_range: float | None) -> Problem:
+        """That of all frames; the one before with one frame exchanged, where it could be kept.
+
+        Raises:
+            FusionInputError: no sample is left.
+        """
+        if self._problem is None:
+            lights = [entry.amplitude for entry in self.entries if entry.amplitude is not None]
+            self._problem = prepare(
+                np.stack([entry.distance for entry in self.entries]),
+                np.stack(lights) if lights else None,
+                np.stack([entry.positions for entry in self.entries]),
+                options=options,
+                ambiguity_range=ambiguity_range,
+                noise=float(np.median([entry.noise for entry in self.entries])),
+            )
+        return self._problem
