@@ -23,14 +23,14 @@ def node_kinds(image: Image, covered: Mask) -> Kind:
     """
     square = np.zeros(covered.shape, np.float32)
     _steepness(image, square)
-    kind = covered.astype(np.uint8)  # UNSEEN and FLAT are 0 and 1
-    inner = cv2.erode(kind, np.ones((3, 3), np.uint8), borderValue=0) > 0
+    kind = covered.view(np.uint8)  # UNSEEN and FLAT are 0 and 1
+    inner = cv2.erode(kind, np.ones((3, 3), np.uint8), borderValue=0).view(np.bool_)
     some = square[::3, ::3][inner[::3, ::3]]  # a ninth of the nodes tells the quantile
-    if some.size:
-        limit = quantile(some, 1 - STEEPEST)
-        near = cv2.dilate((inner & (square >= limit)).astype(np.uint8), np.ones((5, 5), np.uint8))
-        kind[covered & (near > 0)] = STEEP
-    return kind
+    if not some.size:
+        return kind
+    limit = quantile(some, 1 - STEEPEST)
+    near = cv2.dilate((inner & (square >= limit)).view(np.uint8), np.ones((5, 5), np.uint8))
+    return np.asarray(kind + (kind & near))
 
 
 def quantile(values: Image, share: float) -> float:
