@@ -56,7 +56,7 @@ def resampled(mosaic: Mosaic, grid: Grid, factor: float) -> Image:
 def halved(mosaic: Mosaic) -> Mosaic:
     """The mosaic of the same frames pooled by two, on every second node of the grid.
 
-    A pooled sample is the mean of four, which look half a pixel to both sides of its place in rows and columns.
+    A pooled sample is the mean of four, half a pixel to both sides of its place in rows and columns.
     """
     grid = mosaic.grid
     size = (grid.size[0] + 1) // 2, (grid.size[1] + 1) // 2

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from solver.registration.grid import Grid, Place
 from solver.registration.mosaic import Mosaic
 from solver.registration.points import Points
-from solver.registration.steepness import Mask, node_kinds, quantile
+from solver.registration.steepness import Mask, node_kinds, quantile, thinned
 from solver.registration.sweep import sweep
 
 Image = NDArray[np.float32]
@@ -60,8 +60,9 @@ class Sums:
     def covered(self) -> Mask:
         """The nodes (rows, columns) around which there are samples."""
         around = cv2.blur(self.images[0], (3, 3))
-        seen = around[::3, ::3]
-        return np.asarray(around > (COVERED * quantile(seen[seen > 0], 0.5) if seen.any() else 0))
+        seen = thinned(around)
+        seen = seen[seen > 0]
+        return np.asarray(around > (COVERED * quantile(seen, 0.5) if seen.size else 0))
 
     def mosaic(self, image: Image, covered: Mask) -> Mosaic:
         """An image that was found with what it needs as a mosaic."""

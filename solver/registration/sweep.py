@@ -1,10 +1,10 @@
 """Sweeps over a mosaic's normal equations: the prior is reweighted and every row solved for on the way.
 
 The normal operator is a nine-point stencil: five images of the data's sums — the diagonal and the couplings
-of each node to its neighbours to the right, below, below right and below left, the other four follow by
-symmetry — plus the prior λ Σ √(|∇U|² + ε²) as a quadratic one of the stiffness λ / √(|∇U|² + ε²). A sweep takes
-one row after the other with the rows above as they are by then (Gauss–Seidel), and the nodes of a row at
-once (Jacobi). That lowers the quadratic objective whatever the data: twice the diagonal of each row's
+of each node to its neighbours to the right, below, below right and below left; the other four follow by
+symmetry — plus the prior λ Σ √(|∇U|² + ε²) as a quadratic one of the stiffness λ / √(|∇U|² + ε²). A sweep
+takes one row after the other with the rows above as they are by then (Gauss–Seidel), and the nodes of a row
+at once (Jacobi). That lowers the quadratic objective whatever the data: twice the diagonal of each row's
 operator outweighs the operator, as samples and differences each couple two of its nodes by no more than the
 mean of what they add to both diagonals. It takes a single walk where a step of conjugate gradients takes
 four, and gets further.

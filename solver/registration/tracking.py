@@ -1,5 +1,7 @@
 """Frames one after another, each aligned with the mosaic of those before it."""
 
+from statistics import median
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -131,7 +133,7 @@ class Track:
         overlap, misfit = equations.overlap[0], equations.misfit[0]
         if overlap < OVERLAP:
             return f"overlaps the others by {100 * overlap:.0f} %; {100 * OVERLAP:.0f} % are needed"
-        usual = float(np.median(self._misfits)) if self._misfits else misfit
+        usual = median(self._misfits) if self._misfits else misfit
         if misfit > max(1.5, 1.6 * usual):
             return f"residual {misfit:.1f} deviations, {usual:.1f} is usual"
         return ""
