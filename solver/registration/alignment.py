@@ -13,7 +13,7 @@ from solver.registration.samples import Samples
 from solver.registration.start import find_start
 from solver.registration.steepness import finer_blocks, steep_blocks
 from solver.registration.steps import solve_steps
-from solver.registration.sums import Sums
+from solver.registration.sums import COLD, Sums
 
 Float = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -29,7 +29,7 @@ DENSITY = 1.83  # nodes per pixel; two is the Nyquist limit of the footprint's f
 PAIRWISE, COARSE, FINE = 4, 4, 4  # steps at most
 ENOUGH = 0.5  # pixels
 SMOOTHING = 3.0  # λ; a tenth lets noise into the mosaic and biases high noise, ten times blurs it
-SWEEPS = 2  # of conjugate gradients per Gauss–Newton step; six times as many change nothing
+SWEEPS = 2  # per Gauss–Newton step; six times as many change nothing
 
 
 class Alignment:
@@ -185,7 +185,7 @@ class Alignment:
         self, points: Points, place: Place, sums: Sums, start: Image | None
     ) -> tuple[Mosaic, Equations, float]:
         sums.add(points, place)
-        mosaic = sums.solve(smoothing=SMOOTHING, sweeps=SWEEPS, start=start)
+        mosaic = sums.solve(smoothing=SMOOTHING, sweeps=COLD if start is None else SWEEPS, start=start)
         equations = self._equations(points, place, mosaic, POSITION_ERROR)
         return mosaic, equations, self._step(equations, hold_reference=False)
 

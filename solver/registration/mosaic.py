@@ -14,11 +14,12 @@ quadratic one the noise that stays in U pulls the frames towards each other's no
 from dataclasses import dataclass
 
 import cv2
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from solver.registration.grid import Grid
-from solver.registration.steepness import Kind
+from solver.registration.steepness import UNSEEN, Kind, node_kinds
 
 Image = NDArray[np.float32]
 
@@ -50,3 +51,39 @@ def resampled(mosaic: Mosaic, grid: Grid, factor: float) -> Image:
     for image, into in zip(mosaic.values, values, strict=True):
         cv2.warpAffine(image, matrix, size, into, flags=flags, borderMode=cv2.BORDER_REPLICATE)
     return values
+
+
+def halved(mosaic: Mosaic) -> Mosaic:
+    """The mosaic of the same frames pooled by two, on every second node of the grid.
+
+    A pooled sample is the mean of four, half a pixel to both sides of its place in rows and columns.
+    """
+    grid = mosaic.grid
+    size = (grid.size[0] + 1) // 2, (grid.size[1] + 1) // 2
+    values = np.empty((len(mosaic.values), *size), np.float32)
+    away = np.float32(grid.density / 2)  # nodes, at most one
+    _pool_nodes(mosaic.values, away, values)
+    origin = (grid.origin[0] + 0.5) / 2 - 0.5, (grid.origin[1] + 0.5) / 2 - 0.5
+    covered = mosaic.kind[::2, ::2] != UNSEEN
+    coarse = Grid(origin, size, grid.density)
+    return Mosaic(values, node_kinds(values, covered), coarse, mosaic.slope_noise / 4)
+
+
+@numba.njit(cache=True, fastmath=True)
+def _pool_nodes(image, away, pooled):  # type: ignore[no-untyped-def]
+    channels, rows, columns = image.shape
+    side, middle = np.float32(0.5) * away, np.float32(1.0) - away
+    line = np.empty(columns, np.float32)
+    for h in range(channels):
+        for i in range(pooled.shape[1]):
+            own, above, below = (
+                image[h, 2 * i],
+                image[h, max(2 * i - 1, 0)],
+                image[h, min(2 * i + 1, rows - 1)],
+            )
+            for j in range(columns):
+                line[j] = middle * own[j] + side * (above[j] + below[j])
+            out = pooled[h, i]
+            for j in range(len(out)):
+                n = 2 * j
+                out[j] = middle * line[n] + side * (line[max(n - 1, 0)] + line[min(n + 1, columns - 1)])

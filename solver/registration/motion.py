@@ -82,10 +82,9 @@ class Turn:
         row, column = np.empty_like(points.row), np.empty_like(points.row)
         matrices = rotation_matrix(parameters).astype(np.float32)
         camera = self.camera(points.level).astype(np.float32)
-        lens, tilt = self.lens.astype(np.float32), tilt_matrix(self.lens).astype(np.float32)
         _turn(points.row, points.column, points.first, matrices, row, column)
         if self.lens.any():
-            _bend(row, column, lens, tilt)
+            _bend(row, column, self.lens.astype(np.float32), tilt_matrix(self.lens).astype(np.float32))
         _project(row, column, camera)
         return row, column
 

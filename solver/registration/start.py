@@ -44,6 +44,8 @@ def find_start(
         return np.column_stack([found, np.zeros(len(guess))])
     moved = (found != centre).any(axis=1)
     start = guess.copy()
+    if not moved.any():
+        return start
     start[moved] = shifts_to_rotations(found[moved], shape, turn.intrinsics, turn.lens)
     return start
 

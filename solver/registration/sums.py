@@ -5,16 +5,16 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.registration.grid import Borders, Grid, Place
+from solver.registration.grid import Grid, Place
 from solver.registration.mosaic import Mosaic
 from solver.registration.points import Points
-from solver.registration.prior import EPSILON, stiffen, stiffness
-from solver.registration.steepness import node_kinds, quantile
-from solver.stencil import conjugate_gradients
+from solver.registration.steepness import Mask, node_kinds, quantile, thinned
+from solver.registration.sweep import sweep
 
 Image = NDArray[np.float32]
 
-COLD = 2  # reweightings from a blurred start; one is enough from an earlier mosaic
+COLD = 4  # sweeps from a blurred start; two are enough from an earlier mosaic
+COVERED = 0.1  # of the median weight around a node, from which on it counts as seen
 WITHIN = 0xFFFFFF  # tells the compiler that an index is not negative: it need not look for wrapping
 
 
@@ -28,84 +28,55 @@ class Sums:
 
     def __init__(self, grid: Grid, channels: int) -> None:
         self.grid = grid
-        # The prior changes the first three of the stencil's five images; these are the data's own.
-        self._data = np.zeros((3, *grid.size), np.float32)
-        self._stencil = np.zeros((5, *grid.size), np.float32)
-        self._right = np.zeros((channels, *grid.size), np.float32)
-        self._scratch = np.empty((3, channels, *grid.size), np.float32)
-        self._mass = 0.0
-        self._held: tuple[list[Image], float] | None = None
+        # The stencil's five images (see `sweep`) and the right sides.
+        self.images = np.zeros((5 + channels, *grid.size), np.float32)
+        self.mass = 0.0
+        self._spare = np.empty((channels, *grid.size), np.float32)
 
     def clear(self, grid: Grid) -> None:
         """Begin anew on a grid of the same size."""
-        self.grid, self._mass = grid, 0.0
-        for sums in self._of_data():
-            sums[:] = 0
-
-    def fade(self, keep: float) -> None:
-        """Let what was added count less, and in its place what is held."""
-        for sums in self._of_data():
-            sums *= np.float32(keep)
-        self._mass *= keep
-        if self._held is not None:
-            held, mass = self._held
-            for sums, part in zip(self._of_data(), held, strict=True):
-                _add_part(sums, part, np.float32(1 - keep))
-            self._mass += (1 - keep) * mass
-
-    def hold(self, share: float) -> None:
-        """From now on fade towards a share of what has been added so far instead of nothing."""
-        self._held = [np.float32(share) * sums for sums in self._of_data()], share * self._mass
-
-    def _of_data(self) -> tuple[Image, Image, Image]:
-        return self._data, self._stencil[3:], self._right
-
-    def extend(self, borders: Borders) -> None:
-        """Go on with a larger grid."""
-        self.grid = self.grid.extended(borders)
-        wide = ((0, 0), *borders)
-        self._data, self._stencil, self._right = (
-            np.pad(sums, wide) for sums in (self._data, self._stencil, self._right)
-        )
-        self._scratch = np.empty((3, *self._right.shape), np.float32)
-        if self._held is not None:
-            held, mass = self._held
-            self._held = [np.pad(part, wide) for part in held], mass
+        self.grid, self.mass = grid, 0.0
+        self.images[:] = 0
 
     def add(self, points: Points, place: Place) -> None:
         """Add points, whose weights are typically one, at places (rows, columns)."""
-        grid = *self.grid.origin, self.grid.density
-        _accumulate(points.values, points.weights, *place, *grid, self._data, self._stencil, self._right)
-        self._mass += float(points.weights.sum())
+        _accumulate(points.values, points.weights, *place, *self.grid.origin, self.grid.density, self.images)
+        self.mass += float(points.weights.sum())
 
     def solve(self, *, smoothing: float, sweeps: int, start: Image | None = None) -> Mosaic:
         """The mosaic of what was added.
 
         Args:
             smoothing: λ in units of 1/σ, σ the typical deviation of a sample.
-            sweeps: conjugate-gradient steps per reweighting.
+            sweeps: over the equations.
             start: a first U on the same grid.
         """
-        mass = cv2.blur(self._data[0], (3, 3))
-        image = _weighted_mean(self._data, self._right) if start is None else start
-        density = self.grid.density
-        for _ in range(COLD if start is None else 1):
-            stiffen(self._data, stiffness(image, smoothing, EPSILON / density), self._stencil)
-            image, _ = conjugate_gradients(
-                self._stencil, self._right, image, steps=sweeps, scratch=self._scratch
-            )
-        seen = mass[::3, ::3]
-        covered = mass > (0.1 * quantile(seen[seen > 0], 0.5) if seen.any() else 0)
-        mass_per_node = self._mass / max(int(np.count_nonzero(covered)), 1)
+        image = _weighted_mean(self.images) if start is None else start.copy()
+        for _ in range(sweeps):
+            sweep(self.images, image, self._spare, smoothing, self.grid.density)
+            image, self._spare = self._spare, image
+        return self.mosaic(image, self.covered())
+
+    def covered(self) -> Mask:
+        """The nodes (rows, columns) around which there are samples."""
+        around = cv2.blur(self.images[0], (3, 3))
+        seen = thinned(around)
+        seen = seen[seen > 0]
+        return np.asarray(around > (COVERED * quantile(seen, 0.5) if seen.size else 0))
+
+    def mosaic(self, image: Image, covered: Mask) -> Mosaic:
+        """An image that was found with what it needs as a mosaic."""
+        mass_per_node = self.mass / max(int(np.count_nonzero(covered)), 1)
         # That of central differences of independent nodes: the prior lowers it, picking steep ones raises it.
-        noise = len(image) * density**2 / (2 * mass_per_node + 1e-30)
+        noise = len(image) * self.grid.density**2 / (2 * mass_per_node + 1e-30)
         return Mosaic(image, node_kinds(image, covered), self.grid, noise)
 
 
-def _weighted_mean(data: Image, right: Image) -> Image:
+def _weighted_mean(sums: Image) -> Image:
     """A first U: the weighted mean of the samples around each node, of farther ones where there are none."""
+    right = sums[5:]
     top: Image = right
-    bottom: Image = data.sum(axis=0)
+    bottom: Image = sums[0] + 2 * sums[1:5].sum(axis=0)  # sums over the stencil's rows, but for their places
     enough = 1e-3 * float(bottom.mean())
     result = np.zeros_like(right)
     known = np.zeros(bottom.shape, dtype=bool)
@@ -122,18 +93,10 @@ def _weighted_mean(data: Image, right: Image) -> Image:
 
 
 @numba.njit(cache=True, fastmath=True)
-def _add_part(sums, part, factor):  # type: ignore[no-untyped-def]
-    for h in range(sums.shape[0]):
-        for i in range(sums.shape[1]):
-            into, more = sums[h, i], part[h, i]
-            for j in range(len(into)):
-                into[j] += factor * more[j]
-
-
-@numba.njit(cache=True, fastmath=True)
-def _accumulate(values, weights, row, column, row0, column0, density, D, S, b):  # type: ignore[no-untyped-def]
-    """Add the samples: D is the diagonal and the couplings right and below, S the whole, b the right side."""
-    channels, rows, columns = b.shape
+def _accumulate(values, weights, row, column, row0, column0, density, sums):  # type: ignore[no-untyped-def]
+    """Add the samples to the stencil and the right sides."""
+    rows, columns = sums.shape[1:]
+    S, b, channels = sums[:5], sums[5:], len(sums) - 5
     top, left, scale, one = np.float32(row0), np.float32(column0), np.float32(density), np.float32(1.0)
     for s in range(len(weights)):
         r, c = (row[s] - top) * scale, (column[s] - left) * scale
@@ -149,13 +112,13 @@ def _accumulate(values, weights, row, column, row0, column0, density, D, S, b): 
             b[h, m, n + 1] += w01 * y
             b[h, m + 1, n] += w10 * y
             b[h, m + 1, n + 1] += w11 * y
-        D[0, m, n] += w * w00 * w00
-        D[0, m, n + 1] += w * w01 * w01
-        D[0, m + 1, n] += w * w10 * w10
-        D[0, m + 1, n + 1] += w * w11 * w11
-        D[1, m, n] += w * w00 * w01  # to the right
-        D[1, m + 1, n] += w * w10 * w11
-        D[2, m, n] += w * w00 * w10  # down
-        D[2, m, n + 1] += w * w01 * w11
+        S[0, m, n] += w * w00 * w00
+        S[0, m, n + 1] += w * w01 * w01
+        S[0, m + 1, n] += w * w10 * w10
+        S[0, m + 1, n + 1] += w * w11 * w11
+        S[1, m, n] += w * w00 * w01  # to the right
+        S[1, m + 1, n] += w * w10 * w11
+        S[2, m, n] += w * w00 * w10  # down
+        S[2, m, n + 1] += w * w01 * w11
         S[3, m, n] += w * w00 * w11  # down and right
         S[4, m, n + 1] += w * w01 * w10  # down and left

@@ -1,28 +1,30 @@
 """Frames one after another, each aligned with the mosaic of those before it."""
 
+from statistics import median
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solver.errors import RegistrationError
 from solver.registration.alignment import ALIASED, DENSITY, FEWEST, OVERLAP, SMOOTHING
 from solver.registration.equations import POSITION_ERROR, Equations, normal_equations
-from solver.registration.grid import Grid, Place
-from solver.registration.mosaic import Mosaic
+from solver.registration.fading import FadingSums
+from solver.registration.grid import Grid
+from solver.registration.mosaic import Mosaic, halved
 from solver.registration.motion import Motion, Shift, Turn
 from solver.registration.points import Points
 from solver.registration.samples import Samples, Scaling, pyramid, scaling
 from solver.registration.start import find_start
 from solver.registration.steps import solve_steps
-from solver.registration.sums import Sums
 
 Float = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 STEPS = 5  # at most per level
-SWEEPS = 1  # of conjugate gradients per frame, as each mosaic starts from the one before
 COARSE_STEP, STEP = 0.2, 0.03  # pixels; the next step would be about a tenth of it
 ANCHOR = 0.3  # share of the first frames; with 0.05 a stream drifts by 0.01–0.03 px in 600 frames
 GUESS = 2.0  # pixels; deviation of a first guess
+LARGEST = 4.0  # pixels a step
 
 
 class Track:
@@ -49,13 +51,16 @@ class Track:
         self._range = ambiguity_range
         self._span, self._added = span, 0
         self._scaling: Scaling | None = None
-        self._layers: list[_Layer] = []
+        self._bases: list[Image] = []
+        self._sums: FadingSums | None = None
+        self._mosaics: list[Mosaic] = []
         self._latest: tuple[Samples, Float] | None = None
         self._misfits: list[float] = []
 
     def add(self, distance: Image, amplitude: Image | None, position: Float) -> None:
         """Add a frame (H, W) that looks where `position` says."""
-        self._add(self._prepared(distance, amplitude), _parameters(position))
+        levels = self._prepared(distance, amplitude)
+        self._add(levels, self._points(levels[0]), _parameters(position))
 
     def follow(self, distance: Image, amplitude: Image | None, guess: Float) -> Float:
         """Find where a frame (H, W) looks, from a first guess, and add it.
@@ -64,21 +69,22 @@ class Track:
             RegistrationError: it does not fit; nothing was added.
         """
         levels = self._prepared(distance, amplitude)
-        used = float((levels[0].weights > 0).mean())
+        points = [self._points(samples) for samples in levels[:2]]
+        used = len(points[0].weights) / levels[0].weights.size
         if used < FEWEST:
             raise RegistrationError(
                 f"{100 * used:.1f} % of its pixels are valid; at least {100 * FEWEST:.0f} % are needed"
             )
         prior = _parameters(guess)
-        found, equations = self._refined(levels, self._started(levels, prior, guided=True), prior)
+        found, equations = self._refined(points, self._started(levels, prior, guided=True), prior)
         misfit = self._misfit(equations)
         if misfit:
-            found, equations = self._refined(levels, self._started(levels, prior, guided=False), prior)
+            found, equations = self._refined(points, self._started(levels, prior, guided=False), prior)
             misfit = self._misfit(equations)
         if misfit:
             raise RegistrationError(misfit)
         self._misfits = [*self._misfits[-14:], float(equations.misfit[0])]
-        self._add(levels, found)
+        self._add(levels, points[0], found)
         return found[0, : len(guess)]
 
     def _prepared(self, distance: Image, amplitude: Image | None) -> list[Samples]:
@@ -97,19 +103,25 @@ class Track:
         found = find_start(pair, levels[0].shape, 0, guess, self._motion, guided)
         return prior if (found == guess).all() else self._motion.moved(found[1:], position)
 
-    def _refined(self, levels: list[Samples], start: Float, prior: Float) -> tuple[Float, Equations]:
+    def _points(self, samples: Samples) -> Points:
+        while len(self._bases) <= samples.level:
+            self._bases.append(self._motion.base(samples))
+        return Points.of(samples, self._bases[samples.level], np.ones(1, dtype=np.bool_))
+
+    def _refined(self, points: list[Points], start: Float, prior: Float) -> tuple[Float, Equations]:
         """Gauss–Newton against the mosaic's levels, coarse to fine."""
         unit = self._motion.unit()
         stiffness = 1 / (GUESS * unit) ** 2
+        limit = LARGEST * unit
         position = start
-        for layer, samples in zip(self._layers[::-1], levels[len(self._layers) - 1 :: -1], strict=True):
-            points = layer.points(samples)
-            enough = STEP if layer is self._layers[0] else COARSE_STEP
+        for level in reversed(points):
+            mosaic = self._mosaics[level.level]
+            enough = COARSE_STEP if level.level else STEP
+            error = ALIASED if self._added == 1 else POSITION_ERROR
             for _ in range(STEPS):
-                place = self._motion.place(points, position)
-                equations = normal_equations(points, place, layer.mosaic, self._motion, layer.error)
+                place = self._motion.place(level, position)
+                equations = normal_equations(level, place, mosaic, self._motion, error)
                 steps, _ = solve_steps(equations, prior - position, stiffness, unit)
-                limit = 2.0 ** (len(levels) - 1) * unit
                 steps = np.clip(steps, -limit, limit)
                 position = self._motion.moved(position, steps)
                 if np.abs(steps / unit).max() < enough:
@@ -121,63 +133,25 @@ class Track:
         overlap, misfit = equations.overlap[0], equations.misfit[0]
         if overlap < OVERLAP:
             return f"overlaps the others by {100 * overlap:.0f} %; {100 * OVERLAP:.0f} % are needed"
-        usual = float(np.median(self._misfits)) if self._misfits else misfit
+        usual = median(self._misfits) if self._misfits else misfit
         if misfit > max(1.5, 1.6 * usual):
             return f"residual {misfit:.1f} deviations, {usual:.1f} is usual"
         return ""
 
-    def _add(self, levels: list[Samples], position: Float) -> None:
-        if not self._layers:
-            self._layers = [_Layer(samples, self._motion) for samples in levels[:2]]
-        for layer, samples in zip(self._layers, levels, strict=False):
-            layer.add(samples, position, 1 - 1 / self._span)
-        self._latest = levels[-1], position
-        self._added += 1
-        if self._added == self._span:
-            for layer in self._layers:
-                layer.hold()
-
-
-class _Layer:
-    """The mosaic at one level of resolution."""
-
-    def __init__(self, samples: Samples, motion: Motion) -> None:
-        self._motion = motion
-        self._base = motion.base(samples)
-        self._sums: Sums | None = None
-        self.error = ALIASED
-        self.mosaic: Mosaic
-
-    def points(self, samples: Samples) -> Points:
-        """All samples of a frame."""
-        return Points.of(samples, self._base, np.ones(1, dtype=np.bool_))
-
-    def add(self, samples: Samples, position: Float, keep: float) -> None:
-        """Weaken what there is, and add a frame."""
-        points = self.points(samples)
+    def _add(self, levels: list[Samples], points: Points, position: Float) -> None:
         place = self._motion.place(points, position)
         if self._sums is None:
-            self._sums = Sums(Grid.over(place, points.shape, DENSITY), len(samples.values))
-            start = None
+            grid = Grid.over(place, points.shape, DENSITY)
+            self._sums = FadingSums(grid, points.values.shape[1], 1 - 1 / self._span)
         else:
-            self.error = POSITION_ERROR
-            self._sums.fade(keep)
-            start = self._extended(self._sums, place, points.shape)
+            self._sums.extend(self._sums.grid.lacking(place, points.shape))
         self._sums.add(points, place)
-        self.mosaic = self._sums.solve(smoothing=SMOOTHING, sweeps=SWEEPS, start=start)
-
-    def hold(self) -> None:
-        """Keep a part of the mosaic for good."""
-        if self._sums is not None:
+        self._added += 1
+        if self._added == self._span:
             self._sums.hold(ANCHOR)
-
-    def _extended(self, sums: Sums, place: Place, shape: tuple[int, int]) -> Image:
-        """The mosaic as a start, on a grid that holds the new frame too."""
-        borders = sums.grid.lacking(place, shape)
-        if not any(map(any, borders)):
-            return self.mosaic.values
-        sums.extend(borders)
-        return np.pad(self.mosaic.values, ((0, 0), *borders), mode="edge")
+        mosaic = self._sums.advance(SMOOTHING)
+        self._mosaics = [mosaic] if len(levels) == 1 else [mosaic, halved(mosaic)]
+        self._latest = levels[-1], position
 
 
 def _parameters(position: Float) -> Float:
