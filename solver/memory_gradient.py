@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from solver.kernels import iteration as loop
 from solver.kernels import team
-from solver.kernels.direction import doubled
 from solver.kernels.prior import PAD
 from solver.prior import Prior, level
 from solver.result import Progress
@@ -158,7 +157,7 @@ def minimise(
     descent = _Descent(term, prior, state)
     fit = term.value(state.x) if state.fit is None else state.fit
     epsilon = state.epsilon or _first_epsilon(prior.norms(state.x, state.slope))
-    numbers = np.array([epsilon, fit, 0.0, 0.0])
+    numbers = np.array([epsilon, fit, 0.0, 0.0, 0.0])
     history, settled = np.zeros(0), False
     while len(history) < limit and not settled:
         history = np.append(history, np.zeros(min(_BOUT, limit - len(history))))
@@ -195,18 +194,19 @@ class _Descent:
     def __init__(self, term: Term, prior: Prior, state: State) -> None:
         x = state.x
         self._map = (x, state.slope, state.radius)
-        self._weights = (prior.tables(x), doubled(prior.weights.astype(x.dtype) ** 2), term.curvature)
+        weights = (prior.tables(x), prior.weights.astype(x.dtype) ** 2, term.curvature)
         operator, none = term.operator(), np.zeros((len(x), 0, 0), x.dtype)
         if operator.footprint is None:
-            self._footprint: Any = (none, none, np.zeros(0, x.dtype), 0)
-            self._data, curved = operator.mean, (none, none)
+            footprint: Any = (none, none, np.zeros(0, x.dtype), 0)
+            data, curved = operator.mean, (none, none)
         else:
-            self._footprint = operator.footprint
-            self._data, curved = _zeros(x), (_zeros(x), _zeros(x))
-        self._ties = operator.ties or (np.zeros((6, 0, 0), np.uint8), np.zeros(0, x.dtype), none)
+            footprint = operator.footprint
+            data, curved = _zeros(x), (_zeros(x), _zeros(x))
+        ties = operator.ties or (np.zeros((6, 0, 0), np.uint8), np.zeros(0, x.dtype), none)
+        self._operators = (*weights, footprint, ties)
         self._step = _zeros(x)
-        self._work = (_zeros(x), *curved, _zeros(state.radius))
-        self._sums = np.zeros((2, x.shape[1] - 4, 6))
+        self._work = (data, self._step, _zeros(x), *curved, np.zeros((x.shape[1] - 4, x.shape[2]), x.dtype))
+        self._sums = np.zeros((x.shape[1] - 4, 11))
 
     def iterate(
         self,
@@ -215,5 +215,5 @@ class _Descent:
         rule: tuple[float, float, float, float, int, int],
     ) -> None:
         """Fill `history`, or stop where the objective has settled; see `solver.kernels.iteration`."""
-        arrays = (self._footprint, self._ties, self._data, self._step, self._work, self._sums)
-        team.run(loop.iterate, *self._map, *self._weights, *arrays, rule, numbers, history)
+        arrays = (self._map, self._operators, self._work, self._sums)
+        team.run(loop.iterate, *arrays, rule, numbers, history)

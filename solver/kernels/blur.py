@@ -7,14 +7,17 @@ walked at a time. Rows come and go in rings, so that all that is on the way stay
 import numpy as np
 from numba import njit
 
+from solver.kernels.view import view
+
 
 @njit(fastmath=True)
-def blur_along(source, taps, out):  # type: ignore[no-untyped-def]
-    """out[j] = Σ_k taps[k] source[j + k]; source is at least out.size + taps.size − 1 long."""
+def blur_along(source, row, first, taps, factor, out):  # type: ignore[no-untyped-def]
+    """out[j] = factor · Σ_k taps[k] source[(*row, first + j + k)]; reads out.size + taps.size − 1 numbers."""
     n = out.size
     for k in range(0, taps.size, 4):
-        h0, h1, h2, h3 = taps[k], taps[k + 1], taps[k + 2], taps[k + 3]
-        s0, s1, s2, s3 = source[k : k + n], source[k + 1 :], source[k + 2 :], source[k + 3 :]
+        h0, h1, h2, h3 = factor * taps[k], factor * taps[k + 1], factor * taps[k + 2], factor * taps[k + 3]
+        s0, s1 = view(source, row, first + k, n), view(source, row, first + k + 1, n)
+        s2, s3 = view(source, row, first + k + 2, n), view(source, row, first + k + 3, n)
         if k == 0:
             for j in range(n):
                 out[j] = h0 * s0[j] + h1 * s1[j] + h2 * s2[j] + h3 * s3[j]
@@ -24,14 +27,14 @@ def blur_along(source, taps, out):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=True)
-def blur_across(ring, first, step, taps, out):  # type: ignore[no-untyped-def]
-    """out = Σ_k taps[k] ring[(first + step · k) modulo its rows], whole rows."""
-    n, rows = out.size, ring.shape[0]
+def blur_across(c, ring, first, step, taps, out):  # type: ignore[no-untyped-def]
+    """out = Σ_k taps[k] ring[c, (first + step · k) modulo its rows], whole rows."""
+    n, rows = out.size, ring.shape[1]
     for k in range(0, taps.size, 4):
         h0, h1, h2, h3 = taps[k], taps[k + 1], taps[k + 2], taps[k + 3]
         r = first + step * k
-        s0, s1 = ring[r % rows], ring[(r + step) % rows]
-        s2, s3 = ring[(r + 2 * step) % rows], ring[(r + 3 * step) % rows]
+        s0, s1 = view(ring, (c, r % rows), 0, n), view(ring, (c, (r + step) % rows), 0, n)
+        s2, s3 = view(ring, (c, (r + 2 * step) % rows), 0, n), view(ring, (c, (r + 3 * step) % rows), 0, n)
         if k == 0:
             for j in range(n):
                 out[j] = h0 * s0[j] + h1 * s1[j] + h2 * s2[j] + h3 * s3[j]
@@ -41,95 +44,103 @@ def blur_across(ring, first, step, taps, out):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=True)
-def _couple(i, above, y, below, stencil, out):  # type: ignore[no-untyped-def]
-    """out = M y at node row i; rows of y carry one zero on either side, the stencil one on the left."""
-    n = out.size
-    m0, mr, md = stencil[0, i + 1], stencil[1, i + 1], stencil[2, i + 1]
-    ma, mb = stencil[3, i + 1], stencil[4, i + 1]
-    ud, ua, ub = stencil[2, i], stencil[3, i], stencil[4, i]
-    c0, cr, cd, ca, cb = m0[1 : 1 + n], mr[1 : 1 + n], md[1 : 1 + n], ma[1 : 1 + n], mb[1 : 1 + n]
-    cl, du, dua, dub = mr[0:n], ud[1 : 1 + n], ua[0:n], ub[2 : 2 + n]
-    yl, yc, yr = y[0:n], y[1 : 1 + n], y[2 : 2 + n]
-    al, ac, ar = above[0:n], above[1 : 1 + n], above[2 : 2 + n]
-    bl, bc, br = below[0:n], below[1 : 1 + n], below[2 : 2 + n]
+def _couple(c, i, blurred, stencil, out):  # type: ignore[no-untyped-def]
+    """out = M y at node row i, y of channel c in a ring of three rows with a zero on either side."""
+    n, here, up = out.size, i + 1, i
+    last, now, after = (c, (i + 2) % 3), (c, i % 3), (c, (i + 1) % 3)
+    c0, cr, cl = view(stencil, (0, here), 1, n), view(stencil, (1, here), 1, n), view(stencil, (1, here), 0, n)
+    cd, ca, cb = view(stencil, (2, here), 1, n), view(stencil, (3, here), 1, n), view(stencil, (4, here), 1, n)
+    du, dua, dub = view(stencil, (2, up), 1, n), view(stencil, (3, up), 0, n), view(stencil, (4, up), 2, n)
+    yl, yc, yr = view(blurred, now, 0, n), view(blurred, now, 1, n), view(blurred, now, 2, n)
+    al, ac, ar = view(blurred, last, 0, n), view(blurred, last, 1, n), view(blurred, last, 2, n)
+    bl, bc, br = view(blurred, after, 0, n), view(blurred, after, 1, n), view(blurred, after, 2, n)
     for j in range(n):
         value = c0[j] * yc[j] + cr[j] * yr[j] + cl[j] * yl[j]
         value += cd[j] * bc[j] + ca[j] * br[j] + cb[j] * bl[j]
         out[j] = value + du[j] * ac[j] + dua[j] * al[j] + dub[j] * ar[j]
 
 
+@njit(fastmath=True)
+def _subtract(side, out):  # type: ignore[no-untyped-def]
+    for j in range(out.size):
+        out[j] -= side[j]
+
+
 @njit
-def rings(columns, taps, size):  # type: ignore[no-untyped-def]
+def _clear(out):  # type: ignore[no-untyped-def]
+    for j in range(out.size):
+        out[j] = 0
+
+
+@njit
+def rings(channels, columns, taps, size):  # type: ignore[no-untyped-def]
     """What `apply` keeps from one call to the next: rows on their way, for a map of so many columns."""
     padded, nodes = taps.size, columns - size + 1
-    along, blurred = np.zeros((padded, nodes), taps.dtype), np.zeros((3, nodes + 2), taps.dtype)
-    residual = np.zeros((padded, columns + 2 * padded), taps.dtype)
-    return along, blurred, residual, np.zeros((2, columns + 2 * padded), taps.dtype)
+    along, blurred = np.zeros((channels, padded, nodes), taps.dtype), np.zeros((channels, 3, nodes + 2), taps.dtype)
+    width = columns + 2 * padded
+    return along, blurred, np.zeros((channels, padded, width), taps.dtype), np.zeros(width, taps.dtype)
 
 
 @njit(fastmath=True)
-def apply(top, end, x, stencil, side, taps, size, factor, on_the_way, resume, out):  # type: ignore[no-untyped-def]
-    """out ← factor · Bᵀ (M B x − b) in rows top to end, one channel.
+def apply(top, end, c, x, stencil, side, taps, size, factor, on_the_way, resume, out):  # type: ignore[no-untyped-def]
+    """out ← factor · Bᵀ (M B x − b) in rows top to end of channel c.
 
     Args:
-        x, out: (rows + 4, columns + 4), padded by 2.
-        stencil: (5, nodes + 2, nodes + 2); side: (nodes + 2, nodes + 2), b, or (0, 0) = none; padded by 1.
+        x, out: (C, rows + 4, columns + 4), padded by 2.
+        stencil: (5, nodes + 2, nodes + 2); side: (C, nodes + 2, nodes + 2), b, or (C, 0, 0) = none; padded
+            by 1.
         taps: padded with zeros to a multiple of four; the first `size` of them count.
         factor: a number of x's type.
         on_the_way, resume: `rings`, and whether they hold what a call that ended at `top` has left.
     """
-    rows, columns, padded = x.shape[0] - 4, x.shape[1] - 4, taps.size
-    node_rows, nodes = rows - size + 1, columns - size + 1
-    along, blurred, residual, lines = on_the_way
-    line, across = lines[0], lines[1]
+    rows, columns, padded = x.shape[1] - 4, x.shape[2] - 4, taps.size
+    node_rows, nodes, one = rows - size + 1, columns - size + 1, x.dtype.type(1)
+    along, blurred, residual, across = on_the_way
     first = top + 1 if resume else top - size
     ready = top + size if resume else max(0, top - size)
     for q in range(first, end + 1):
         if 0 <= q < node_rows:
             while ready < q + size:
-                line[:columns] = x[ready + 2, 2 : 2 + columns]
-                blur_along(line, taps, along[ready % padded])
+                # Taps that are zero may read beyond the row, into the padding.
+                blur_along(x, (c, ready + 2), 2, taps, one, view(along, (c, ready % padded), 0, nodes))
                 ready += 1
-            blur_across(along, q, 1, taps, blurred[q % 3, 1 : 1 + nodes])
+            blur_across(c, along, q, 1, taps, view(blurred, (c, q % 3), 1, nodes))
         else:
-            blurred[q % 3] = 0
+            _clear(view(blurred, (c, q % 3), 0, nodes + 2))
         r = q - 1
         if r <= top - size and not resume:
             continue
-        fresh = residual[r % padded, size - 1 : size - 1 + nodes]
+        fresh = view(residual, (c, r % padded), size - 1, nodes)
         if 0 <= r < node_rows:
-            _couple(r, blurred[(r - 1) % 3], blurred[r % 3], blurred[q % 3], stencil, fresh)
+            _couple(c, r, blurred, stencil, fresh)
             if side.size:
-                fresh -= side[r + 1, 1 : 1 + nodes]
+                _subtract(view(side, (c, r + 1), 1, nodes), fresh)
         else:
-            fresh[:] = 0
+            _clear(fresh)
         if r >= top:
             # Σ_k taps[k] residual(row r − k); symmetric taps let the columns run forward.
-            blur_across(residual, r, -1, taps, across)
-            target = out[r + 2, 2 : 2 + columns]
-            blur_along(across, taps, target)
-            for j in range(columns):
-                target[j] *= factor
+            blur_across(c, residual, r, -1, taps, across)
+            blur_along(across, (), 0, taps, factor, view(out, (c, r + 2), 2, columns))
 
 
 @njit(nogil=True, cache=True)
 def transform(rank, threads, x, stencil, side, taps, size, factor, out):  # type: ignore[no-untyped-def]
     """`apply` to every channel of x (C, …) by a team; side (C, …) or (C, 0, 0)."""
     rows = x.shape[1] - 4
-    top, end, own = rank * rows // threads, (rank + 1) * rows // threads, rings(x.shape[2] - 4, taps, size)
+    top, end = rank * rows // threads, (rank + 1) * rows // threads
+    own = rings(x.shape[0], x.shape[2] - 4, taps, size)
     for c in range(x.shape[0]):
-        apply(top, end, x[c], stencil, side[c], taps, size, factor, own, False, out[c])
+        apply(top, end, c, x, stencil, side, taps, size, factor, own, False, out)
 
 
 @njit(nogil=True, cache=True)
 def blur(x, taps, size, out):  # type: ignore[no-untyped-def]
     """out ← B x, one channel; out (nodes + 2, nodes + 2), padded by 1."""
     rows, columns, padded = x.shape[0] - 4, x.shape[1] - 4, taps.size
-    line, along = np.zeros(columns + padded, x.dtype), np.zeros((padded, columns - size + 1), x.dtype)
-    ready = 0
+    nodes, ready, one = columns - size + 1, 0, x.dtype.type(1)
+    along = np.zeros((1, padded, nodes), x.dtype)
     for q in range(rows - size + 1):
         while ready < q + size:
-            line[:columns] = x[ready + 2, 2 : 2 + columns]
-            blur_along(line, taps, along[ready % padded])
+            blur_along(x, (ready + 2,), 2, taps, one, view(along, (0, ready % padded), 0, nodes))
             ready += 1
-        blur_across(along, q, 1, taps, out[q + 1, 1 : 1 + along.shape[1]])
+        blur_across(0, along, q, 1, taps, view(out, (q + 1,), 1, nodes))

@@ -1,129 +1,136 @@
-"""The preconditioned descent direction at a map, by rows; images are padded as in `kernels.prior`."""
+"""The preconditioned descent direction at a map, row by row; images are padded as in `kernels.prior`.
+
+The direction is −gradient / (curvature of the data + diagonal of the majorant's operator), elementwise.
+"""
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from solver.kernels.prior import (
-    add_pull_backward,
-    add_pull_forward,
-    add_squares,
-    add_tilt_backward,
-    stiffen,
-)
-
-
-@njit(fastmath=True, error_model="numpy")
-def _precondition(stiff, stiff1, stiff2, total, weights, curvature, out):  # type: ignore[no-untyped-def]
-    """out = −1 / (curvature of the data + diagonal of the majorant's operator), one row."""
-    n = out.size
-    here, left, left2 = stiff[2 : 2 + n], stiff[1 : 1 + n], stiff[0:n]
-    above, corner, other = stiff1[2 : 2 + n], stiff1[1 : 1 + n], stiff1[3 : 3 + n]
-    above2, data, own, target = stiff2[2 : 2 + n], curvature[:n], total[:n], out[:n]
-    w0, w1, w2, w3, w4, w5 = weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
-    for j in range(n):
-        near = own[j] * here[j] + w0 * left[j] + w1 * above[j] + w2 * corner[j]
-        target[j] = -1 / (data[j] + near + w3 * other[j] + w4 * left2[j] + w5 * above2[j])
+from solver.kernels.prior import RUNS, add_squares, run, stiffen, weights_at
+from solver.kernels.view import view
 
 
 @njit(fastmath=True)
-def _turn(gradient, scale, step, data, direction, sums):  # type: ignore[no-untyped-def]
-    """direction = scale · gradient, and its products, one row."""
-    n = gradient.size
-    g, by, d, f, z = gradient[:n], scale[:n], step[:n], data[:n], direction[:n]
-    gz = gd = fz = fd = g.dtype.type(0)
-    for j in range(n):
-        new = g[j] * by[j]
-        z[j] = new
-        gz += g[j] * new
-        gd += g[j] * d[j]
-        fz += f[j] * new
-        fd += f[j] * d[j]
+def _misfit(x, mean, curvature, out):  # type: ignore[no-untyped-def]
+    """out = curvature · (x − mean), one row."""
+    for j in range(out.size):
+        out[j] = curvature[j] * (x[j] - mean[j])
+
+
+@njit(fastmath=True, error_model="numpy")
+def _turn(c, i, first, m, x, slope, weights, before, ring, places, rows, sums):  # type: ignore[no-untyped-def]
+    """Channel c of row i, m columns from `first` on ← the direction; add its products.
+
+    Args:
+        weights: of the pixel's own differences; before: of those of the pixels before it.
+        ring, places: stiffness, and where rows i, i − 1, i − 2 are.
+        rows: curvature, the data's gradient, step and direction (out) of this row.
+    """
+    a, at, next1, next2, last1, last2 = first + 2, (c, i), (c, i + 1), (c, i + 2), (c, i - 1), (c, i - 2)
+    curvature, data = view(rows[0], (), first, m), view(rows[1], (), first, m)
+    step, direction = view(rows[2], (), first, m), view(rows[3], (), first, m)
+    here, right, right2 = view(x, at, a, m), view(x, at, a + 1, m), view(x, at, a + 2, m)
+    down, diagonal = view(x, next1, a, m), view(x, next1, a + 1, m)
+    antidiagonal, down2 = view(x, next1, a - 1, m), view(x, next2, a, m)
+    left, left2, above = view(x, at, a - 1, m), view(x, at, a - 2, m), view(x, last1, a, m)
+    corner, other, above2 = view(x, last1, a - 1, m), view(x, last1, a + 1, m), view(x, last2, a, m)
+    now, up1, up2 = (places[0],), (places[1],), (places[2],)
+    slack, s0, s4 = view(ring, now, a, m), view(ring, now, a - 1, m), view(ring, now, a - 2, m)
+    s1, s2, s3 = view(ring, up1, a, m), view(ring, up1, a - 1, m), view(ring, up1, a + 1, m)
+    s5 = view(ring, up2, a, m)
+    w0, w1, w2, w3, w4, w5 = weights
+    b0, b1, b2, b3, b4, b5 = before[0], before[1], before[2], before[3], before[4], before[5]
+    whole = w0 + w1 + w2 + w3 + w4 + w5
+    gz = gd = fz = fd = x.dtype.type(0)
+    if slope.shape[2] > 0:
+        fall, run = view(slope, (c, 0, i), a, m), view(slope, (c, 1, i), a, m)
+        run0, run4 = view(slope, (c, 1, i), a - 1, m), view(slope, (c, 1, i), a - 2, m)
+        fall1, fall2 = view(slope, (c, 0, i - 1), a, m), view(slope, (c, 0, i - 1), a - 1, m)
+        fall3, fall5 = view(slope, (c, 0, i - 1), a + 1, m), view(slope, (c, 0, i - 2), a, m)
+        run2, run3 = view(slope, (c, 1, i - 1), a - 1, m), view(slope, (c, 1, i - 1), a + 1, m)
+        falls, runs = w1 + w2 + w3 + w5 + w5, w0 + w2 - w3 + w4 + w4
+        for j in range(m):
+            v = here[j]
+            p0, p1, p2, p3, p4, p5 = b0 * s0[j], b1 * s1[j], b2 * s2[j], b3 * s3[j], b4 * s4[j], b5 * s5[j]
+            near = w0 * (v - right[j]) + w1 * (v - down[j]) + w2 * (v - diagonal[j])
+            far = w3 * (v - antidiagonal[j]) + w4 * (v - right2[j]) + w5 * (v - down2[j])
+            gradient = data[j] + slack[j] * (near + far + falls * fall[j] + runs * run[j])
+            gradient += p0 * (v - left[j] - run0[j]) + p1 * (v - above[j] - fall1[j])
+            gradient += p2 * (v - corner[j] - fall2[j] - run2[j]) + p3 * (v - other[j] - fall3[j] + run3[j])
+            gradient += p4 * (v - left2[j] - run4[j] - run4[j]) + p5 * (v - above2[j] - fall5[j] - fall5[j])
+            new = -gradient / (curvature[j] + whole * slack[j] + p0 + p1 + p2 + p3 + p4 + p5)
+            direction[j] = new
+            gz += gradient * new
+            gd += gradient * step[j]
+            fz += data[j] * new
+            fd += data[j] * step[j]
+    else:
+        for j in range(m):
+            v = here[j]
+            p0, p1, p2, p3, p4, p5 = b0 * s0[j], b1 * s1[j], b2 * s2[j], b3 * s3[j], b4 * s4[j], b5 * s5[j]
+            near = w0 * (v - right[j]) + w1 * (v - down[j]) + w2 * (v - diagonal[j])
+            far = w3 * (v - antidiagonal[j]) + w4 * (v - right2[j]) + w5 * (v - down2[j])
+            gradient = data[j] + slack[j] * (near + far)
+            gradient += p0 * (v - left[j]) + p1 * (v - above[j]) + p2 * (v - corner[j])
+            gradient += p3 * (v - other[j]) + p4 * (v - left2[j]) + p5 * (v - above2[j])
+            new = -gradient / (curvature[j] + whole * slack[j] + p0 + p1 + p2 + p3 + p4 + p5)
+            direction[j] = new
+            gz += gradient * new
+            gd += gradient * step[j]
+            fz += data[j] * new
+            fd += data[j] * step[j]
     sums[2] += gz
     sums[3] += gd
     sums[4] += fz
     sums[5] += fd
 
 
-@njit(fastmath=True)
-def _misfit(x, mean, curvature, out):  # type: ignore[no-untyped-def]
-    """out = curvature · (x − mean), one row."""
-    n = out.size
-    a, b, c, target = x[:n], mean[:n], curvature[:n], out[:n]
-    for j in range(n):
-        target[j] = c[j] * (a[j] - b[j])
+@njit
+def scratch(n, depth, kind):  # type: ignore[no-untyped-def]
+    """What `descend` keeps from row to row: the stiffness of `depth` rows; and two lines."""
+    return np.zeros((depth, n + 4), kind), np.zeros((2, n), kind)
 
 
 @njit
 def descend(  # type: ignore[no-untyped-def]
-    top,
-    end,
-    x,
-    slope,
-    radius,
-    epsilon,
-    up,
-    weights,
-    curvature,
-    diagonal,
-    data,
-    step,
-    stiffness,
-    direction,
-    sums,
-):
-    """Stiffness and preconditioned descent direction in rows top to end.
+    row, counts, x, slope, radius, epsilon, up, weights, curvature, diagonal, data, step, kept, direction,
+    sums
+):  # fmt: skip
+    """Stiffness and preconditioned descent direction of a row; the two rows before it must have been walked.
 
     Args:
+        counts: whether the direction is wanted, not the stiffness alone.
         x: (C, rows + 4, columns + 4), the map; slope: (C, 2, …) or (C, 2, 0, 0) = level; all padded by 2.
         radius: (…), r by pixel; epsilon: a number of x's type, ε.
-        up: (3, 6, columns) and weights: (8,), the squared weights of the differences, the last two doubled.
+        up: (3, 6, columns) and weights: (6,), the squared weights of the differences.
         curvature: (…), of the data term by pixel.
         data: (C, …), the data term's gradient; where its operator is diagonal, the map that it draws to.
-        step: (C, …), the last step; stiffness: (…), out; direction: (C, …), out.
-        sums: (rows, 6), out, by row: Σ r ‖∇x − s‖, what smooth corners of width ε hide of it, and the
-            products of the objective's gradient with direction and step, and of the data's with both.
+        step: (C, …), the last step; kept: `scratch`; direction: (C, …), out.
+        sums: (6,), out: Σ r ‖∇x − s‖, what smooth corners of width ε hide of it, and the products of the
+            objective's gradient with direction and step, and of the data's with both.
     """
-    channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
-    tilted = slope.shape[2] > 0
-    own = np.zeros((3, n), x.dtype)
-    for kind in range(3):
-        for k in range(6):
-            for j in range(n):
-                own[kind, j] += up[kind, k, j]
-    ring, pulls = np.zeros((3, n + 4), x.dtype), np.zeros((3, channels, 2, n + 4), x.dtype)
-    scratch = np.zeros((4, n), x.dtype)
-    squares, scale, gradient, pull = scratch[0], scratch[1], scratch[2], scratch[3]
-    none = np.zeros(6)
-    for row in range(max(0, top - 2), end):
-        i, kind, now, last, before = row + 2, max(0, row + 3 - rows), row % 3, (row + 2) % 3, (row + 1) % 3
-        counts = row >= top
-        squares[:] = 0
-        for c in range(channels):
-            add_squares(i, x[c], slope[c], up[kind], squares)
-        out = sums[row] if counts else none
-        out[:] = 0
-        stiffen(squares, radius[i, 2 : 2 + n], epsilon, ring[now, 2 : 2 + n], out)
-        if counts:
-            stiffness[i] = ring[now]
-            _precondition(
-                ring[now], ring[last], ring[before], own[kind], weights, curvature[i, 2 : 2 + n], scale
-            )
-        for c in range(channels):
-            if counts:
-                if diagonal:
-                    _misfit(x[c, i, 2 : 2 + n], data[c, i, 2 : 2 + n], curvature[i, 2 : 2 + n], pull)
-                else:
-                    pull[:] = data[c, i, 2 : 2 + n]
-                gradient[:] = pull
-            add_pull_forward(i, x[c], slope[c], up[kind], ring[now], pulls[now, c], gradient)
-            if counts:
-                add_pull_backward(i, x[c], weights, ring[now], ring[last], ring[before], gradient)
-                if tilted:
-                    add_tilt_backward(pulls[now, c], pulls[last, c], pulls[before, c], weights, gradient)
-                _turn(gradient, scale, step[c, i, 2 : 2 + n], pull, direction[c, i, 2 : 2 + n], out)
-
-
-def doubled(weights: NDArray[np.floating]) -> NDArray[np.floating]:
-    """(8,): the squared weights (6,), and those of the two-pixel differences twice."""
-    return np.concatenate([weights, weights[4:] + weights[4:]])
+    channels, rows, n, i = x.shape[0], x.shape[1] - 4, x.shape[2] - 4, row + 2
+    ring, lines = kept
+    depth, kind, squares = ring.shape[0], max(0, row + 3 - rows), view(lines, (0,), 0, n)
+    places = (row % depth, (row - 1) % depth, (row - 2) % depth)
+    for j in range(n):
+        squares[j] = 0
+    for c in range(channels):
+        add_squares(c, i, x, slope, up, kind, squares)
+    for k in range(6):
+        sums[k] = 0
+    stiffen(squares, view(radius, (i,), 2, n), epsilon, view(ring, (places[0],), 2, n), sums)
+    if not counts:
+        return
+    bent = view(curvature, (i,), 2, n)
+    for c in range(channels):
+        at, pull = (c, i), view(data, (c, i), 2, n)
+        if diagonal:
+            misfit = view(lines, (1,), 0, n)
+            _misfit(view(x, at, 2, n), pull, bent, misfit)
+            pull = misfit
+        own = (bent, pull, view(step, at, 2, n), view(direction, at, 2, n))
+        for t in range(RUNS):
+            first, m = run(t, n)
+            if m > 0:
+                _turn(c, i, first, m, x, slope, weights_at(up, kind, first), weights, ring, places, own, sums)

@@ -10,17 +10,11 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 
-from solver.kernels.blur import apply, rings
-from solver.kernels.direction import descend
-from solver.kernels.step import advance, bends
 from solver.kernels.team import meet
-from solver.kernels.ties import pull
+from solver.kernels.walk import REACH, bends, move, on_the_way, part, reach_of, refresh, walk
 
-EPSILON, FIT, DONE, SETTLED = range(4)
+EPSILON, FIT, DONE, SETTLED, BENT = range(5)
 """Places in the numbers that the loop takes and leaves."""
-
-STRIP = 16
-"""Rows whose products are made and used before they leave the cache."""
 
 
 @njit
@@ -65,91 +59,75 @@ def _compiled(sources: str):  # type: ignore[no-untyped-def]
     """The loop; its place in Numba's cache goes by the sources that are compiled into it."""
 
     @njit(nogil=True, cache=True)
-    def iterate(  # type: ignore[no-untyped-def]
-        rank, size, barrier, x, slope, radius, up, weights, curvature, footprint, ties, data, step, work,
-        sums, rule, numbers, history
-    ):  # fmt: skip
+    def iterate(rank, size, barrier, map, operators, work, sums, rule, numbers, history):  # type: ignore[no-untyped-def]
         """Iterate until the objective has settled or `history` is full.
 
         Args:
-            x: the map, (C, rows + 4, columns + 4), padded by 2 as all images are; in place.
-            slope, radius, up, weights, curvature, step: see `direction.descend`.
-            footprint: (stencil, side, taps, size) of `blur.apply`; no stencil = a diagonal operator, whose
-                diagonal is the curvature and whose data is the map that it draws to.
-            ties: (levels, unit, lift) of `kernels.ties`; no levels = none.
-            data: (C, …), the data term's gradient, kept up to date; or that map.
-            work: (direction (C, …), its product with the operator, the step's, stiffness (…)).
-            sums: (2, rows, 6).
+            map: (x, slope, radius): the map (C, rows + 4, columns + 4), padded by 2 as all images are, in
+                place; slope and radius see `direction.descend`.
+            operators: (up, weights, curvature, footprint, ties): the first three see there; footprint is
+                (stencil, side, taps, size) of `blur.apply`, no stencil = a diagonal operator, whose diagonal
+                is the curvature; ties are (levels, unit, lift) of `kernels.ties`, no levels = none.
+            work: (data, step, direction, curved, curved_step, stiffness): the data term's gradient (C, …),
+                kept up to date, or the map that a diagonal operator draws to; the last step and the last
+                direction (C, …); the operator's products with direction and step, unless it is diagonal; and
+                (rows, columns + 4) for the stiffness of rows at the border of a thread's part.
+            sums: (rows, 11), see `walk`.
             rule: (tolerance, part that the rounding may hide, fall of ε, patience, iterations to a refresh,
                 least iterations of a fall).
-            numbers: (4,) in and out: ε, value of the data term, iterations, 1 = settled.
+            numbers: (5,) in and out: ε, value of the data term, iterations, 1 = settled, the step's ⟨d, Hd⟩.
             history: objectives by iteration, out.
         """
         sources  # noqa: B018
-        stencil, side, taps, taps_size = footprint
-        levels, unit, lift = ties
-        direction, curved, curved_step, stiffness = work
-        tolerance, hide, fall_of_epsilon, patience, refresh, span = rule
-        channels, rows, tied = x.shape[0], x.shape[1] - 4, levels.shape[1] > 0
-        diagonal, two, none = stencil.shape[1] == 0, x.dtype.type(2), np.zeros((0, 0), x.dtype)
-        rows_of = [rings(x.shape[2] - 4, taps, taps_size) for _ in range(channels)]
-        top, end = rank * rows // size, (rank + 1) * rows // size
-        epsilon, fit, count = numbers[EPSILON], numbers[FIT], int(numbers[DONE])
-        own, settled = history.copy(), False
+        tolerance, hide, fall_of_epsilon, patience, again, span = rule
+        kind, rows = map[0].dtype.type, map[0].shape[1] - 4
+        kept, dense = on_the_way(map, operators), operators[3][0].shape[1] > 0
+        own, settled, moving, by = history.copy(), False, False, (kind(0), kind(0))
+        epsilon, fit, count, dd = numbers[EPSILON], numbers[FIT], int(numbers[DONE]), numbers[BENT]
+        walked = part(rank, size, rows, reach_of(operators))
+        top, low, high, end = part(rank, size, rows, REACH)
         while count < history.size and not settled:
-            if not diagonal and count % refresh == 0:
-                for c in range(channels):
-                    apply(top, end, x[c], stencil, side[c], taps, taps_size, two, rows_of[c], False, data[c])
-                    if tied:
-                        pull(top, end, x[c], levels, unit, data[c])
-                        data[c, top + 2 : end + 2] += lift[c, top + 2 : end + 2]
-            descend(
-                top, end, x, slope, radius, x.dtype.type(epsilon), up, weights, curvature, diagonal, data,
-                step, stiffness, direction, sums[0]
-            )  # fmt: skip
+            fresh = dense and count % again == 0
+            ahead = (end, end)
+            if moving:
+                # What the neighbours read in the walk, or at once, is moved before it.
+                ahead = (end, end) if fresh else (low, high)
+                move(top, ahead[0], by, map, operators, work)
+                move(ahead[1], end, by, map, operators, work)
+                meet(barrier, size)
+            if fresh:
+                refresh(top, end, map, operators, work, kept)
+            walk(walked, ahead, by, kind(epsilon), map, operators, work, kept, sums)
             meet(barrier, size)
-            for strip in range(top, end, STRIP):
-                until = min(strip + STRIP, end)
-                if not diagonal:
-                    for c in range(channels):
-                        apply(
-                            strip, until, direction[c], stencil, none, taps, taps_size, two, rows_of[c],
-                            strip > top, curved[c]
-                        )  # fmt: skip
-                        if tied:
-                            pull(strip, until, direction[c], levels, unit, curved[c])
-                bends(
-                    strip, until, direction, step, curvature, diagonal, curved, curved_step, stiffness, up,
-                    sums[1]
-                )  # fmt: skip
+            bends(top, walked[1], False, operators, work, work[5], kept, sums)
+            bends(walked[2], end, False, operators, work, work[5], kept, sums)
             meet(barrier, size)
-            roughness, hidden, along, across, data_along, data_across = _total(sums[0])
-            s = _total(sums[1])
-            a, b = least(along, across, s[0] + s[3], s[1] + s[4], s[2] + s[5])
-            advance(
-                top, end, x.dtype.type(a), x.dtype.type(b), x, diagonal, data, direction, step, curved,
-                curved_step
-            )  # fmt: skip
+            roughness, hidden, along, across, data_along, data_across, lzz, lzd, ldd, zz, zd = _total(sums)
+            a, b = least(along, across, lzz + zz, lzd + zd, ldd + dd)
+            by, moving = (kind(a), kind(b)), True
             value = fit + roughness
             own[count] = value
             count += 1
-            fit += a * data_along + b * data_across
-            fit += 0.5 * (a * a * s[3] + 2 * a * b * s[4] + b * b * s[5])
+            # The new step's product with the data's operator follows from those of the two it is made of.
+            dd = a * a * zz + 2 * a * b * zd + b * b * dd
+            fit += a * data_along + b * data_across + 0.5 * dd
             left = error(own, count, span)
             settled = hidden <= hide * value and left <= tolerance * value
             if hidden > max(0.5 * hide * value, patience * left if left < np.inf else 0.0):
                 epsilon *= fall_of_epsilon
-            meet(barrier, size)
+        if moving:
+            move(top, end, by, map, operators, work)
         if rank == 0:
             history[:] = own
             numbers[EPSILON], numbers[FIT], numbers[DONE], numbers[SETTLED] = epsilon, fit, count, settled
+            numbers[BENT] = dd
 
     return iterate
 
 
 def _sources() -> str:
     digest = hashlib.sha256()
-    for name in ("blur", "direction", "prior", "step", "team", "ties"):
+    for name in ("blur", "direction", "prior", "step", "team", "ties", "view", "walk"):
         digest.update((Path(__file__).parent / f"{name}.py").read_bytes())
     return digest.hexdigest()
 

@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 
 from solver.kernels.prior import COLUMNS, ROWS
+from solver.kernels.view import view
 
 
 @njit(fastmath=True)
@@ -81,15 +82,13 @@ def add_diagonal(levels, unit, out):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=True)
-def _pull_along(i, x, levels, unit, out):  # type: ignore[no-untyped-def]
+def _pull_along(c, i, x, levels, unit, out):  # type: ignore[no-untyped-def]
     """The part of `pull` along rows, row i."""
-    n, kind = out.size, x.dtype.type
-    here, right, left, right2, left2 = (
-        x[i, 2 : 2 + n], x[i, 3 : 3 + n], x[i, 1 : 1 + n], x[i, 4 : 4 + n], x[i, 0:n]
-    )  # fmt: skip
-    r, b, r2, b2 = (
-        levels[0, i, 2 : 2 + n], levels[0, i, 1 : 1 + n], levels[4, i, 2 : 2 + n], levels[4, i, 0:n]
-    )  # fmt: skip
+    n, kind, at = out.size, x.dtype.type, (c, i)
+    here, right, left = view(x, at, 2, n), view(x, at, 3, n), view(x, at, 1, n)
+    right2, left2 = view(x, at, 4, n), view(x, at, 0, n)
+    r, b = view(levels, (0, i), 2, n), view(levels, (0, i), 1, n)
+    r2, b2 = view(levels, (4, i), 2, n), view(levels, (4, i), 0, n)
     u0, u4 = unit[0], unit[4]
     for j in range(n):
         v = here[j]
@@ -98,13 +97,13 @@ def _pull_along(i, x, levels, unit, out):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=True)
-def _pull_across(i, x, levels, unit, out):  # type: ignore[no-untyped-def]
+def _pull_across(c, i, x, levels, unit, out):  # type: ignore[no-untyped-def]
     """The part of `pull` along columns, row i."""
     n, kind = out.size, x.dtype.type
-    here, down, above = x[i, 2 : 2 + n], x[i + 1, 2 : 2 + n], x[i - 1, 2 : 2 + n]
-    down2, above2 = x[i + 2, 2 : 2 + n], x[i - 2, 2 : 2 + n]
-    d, a = levels[1, i, 2 : 2 + n], levels[1, i - 1, 2 : 2 + n]
-    d2, a2 = levels[5, i, 2 : 2 + n], levels[5, i - 2, 2 : 2 + n]
+    here, down, above = view(x, (c, i), 2, n), view(x, (c, i + 1), 2, n), view(x, (c, i - 1), 2, n)
+    down2, above2 = view(x, (c, i + 2), 2, n), view(x, (c, i - 2), 2, n)
+    d, a = view(levels, (1, i), 2, n), view(levels, (1, i - 1), 2, n)
+    d2, a2 = view(levels, (5, i), 2, n), view(levels, (5, i - 2), 2, n)
     u1, u5 = unit[1], unit[5]
     for j in range(n):
         v = here[j]
@@ -113,30 +112,29 @@ def _pull_across(i, x, levels, unit, out):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=True)
-def _pull_diagonal(i, x, levels, unit, out):  # type: ignore[no-untyped-def]
+def _pull_diagonal(c, i, x, levels, unit, out):  # type: ignore[no-untyped-def]
     """The part of `pull` along diagonals, row i."""
     n, kind = out.size, x.dtype.type
-    here = x[i, 2 : 2 + n]
-    diagonal, corner = x[i + 1, 3 : 3 + n], x[i - 1, 1 : 1 + n]
-    antidiagonal, other = x[i + 1, 1 : 1 + n], x[i - 1, 3 : 3 + n]
-    d, c = levels[2, i, 2 : 2 + n], levels[2, i - 1, 1 : 1 + n]
-    a, o = levels[3, i, 2 : 2 + n], levels[3, i - 1, 3 : 3 + n]
+    here = view(x, (c, i), 2, n)
+    diagonal, corner = view(x, (c, i + 1), 3, n), view(x, (c, i - 1), 1, n)
+    antidiagonal, other = view(x, (c, i + 1), 1, n), view(x, (c, i - 1), 3, n)
+    d, e = view(levels, (2, i), 2, n), view(levels, (2, i - 1), 1, n)
+    a, o = view(levels, (3, i), 2, n), view(levels, (3, i - 1), 3, n)
     u2, u3 = unit[2], unit[3]
     for j in range(n):
         v = here[j]
-        near = kind(d[j]) * (v - diagonal[j]) + kind(c[j]) * (v - corner[j])
+        near = kind(d[j]) * (v - diagonal[j]) + kind(e[j]) * (v - corner[j])
         out[j] += u2 * near + u3 * (kind(a[j]) * (v - antidiagonal[j]) + kind(o[j]) * (v - other[j]))
 
 
 @njit(fastmath=True)
-def pull(top, end, x, levels, unit, out):  # type: ignore[no-untyped-def]
-    """out += Gᵀ t G x in rows top to end, one channel."""
-    n = x.shape[1] - 4
+def pull(top, end, c, x, levels, unit, out):  # type: ignore[no-untyped-def]
+    """out += Gᵀ t G x in rows top to end of channel c."""
     for i in range(top + 2, end + 2):
-        target = out[i, 2 : 2 + n]
-        _pull_along(i, x, levels, unit, target)
-        _pull_across(i, x, levels, unit, target)
-        _pull_diagonal(i, x, levels, unit, target)
+        target = view(out, (c, i), 2, x.shape[2] - 4)
+        _pull_along(c, i, x, levels, unit, target)
+        _pull_across(c, i, x, levels, unit, target)
+        _pull_diagonal(c, i, x, levels, unit, target)
 
 
 @njit(nogil=True, cache=True)
@@ -144,7 +142,7 @@ def pull_all(rank, threads, x, levels, unit, out):  # type: ignore[no-untyped-de
     """`pull` in every channel by a team (see `kernels.team`)."""
     rows = x.shape[1] - 4
     for c in range(x.shape[0]):
-        pull(rank * rows // threads, (rank + 1) * rows // threads, x[c], levels, unit, out[c])
+        pull(rank * rows // threads, (rank + 1) * rows // threads, c, x, levels, unit, out)
 
 
 @njit(fastmath=True)
