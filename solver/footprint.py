@@ -63,7 +63,6 @@ class AreaTerm:
         footprint: Footprint,
     ) -> None:
         """values (C, N, H, W) in units of λ; weights (N, H, W), 0 = not used; positions (N, H, W, 2)."""
-        self._values, self._weights, self._positions = values, weights, positions
         taps = footprint_taps(footprint, factor)
         self._size = len(taps)
         self.margin = factor + max(0, -(-(self._size - factor) // 2))
@@ -73,16 +72,17 @@ class AreaTerm:
         rows, columns = (n * factor + 2 * self.margin for n in values.shape[2:])
         self.shape = (len(values), rows, columns)
         nodes = (rows - self._size + 3, columns - self._size + 3)
-        self._scale, self._offset = float(factor), self.margin - self._size / 2
         self._stencil, self._side = np.zeros((5, *nodes), kind), np.zeros((len(values), *nodes), kind)
-        place = (self._scale, self._offset)
-        spans = kernels.ranges(weights, positions, *place, nodes[0] - 2, nodes[1] - 2)
+        places = np.empty(weights.shape, np.int32), np.empty((2, *weights.shape), kind)
+        spans = np.empty((*weights.shape[:2], 2), np.int32)
+        grid = (float(factor), self.margin - self._size / 2, (nodes[0] - 2, nodes[1] - 2))
+        team.share(kernels.place, weights, positions, *grid, *places, spans)
         if spans[..., 1].max() < 0:
             raise FusionInputError(
                 "no valid pixel falls on the grid of frame 0; expected shifts smaller than the image"
             )
-        samples = (values, weights, positions)
-        team.share(kernels.accumulate, *samples, *place, spans, self._stencil, self._side)
+        self._samples = (values, weights, *places, spans)
+        team.share(kernels.accumulate, *self._samples, self._stencil, self._side)
         self._blurred = np.zeros((len(values), *nodes), kind)
         # A footprint's row sum bounds its curvature; half of it was measured to need the fewest iterations.
         inside = np.zeros((1, rows + 2 * PAD, columns + 2 * PAD), kind)
@@ -151,10 +151,7 @@ class AreaTerm:
 
     def _sums(self, x: NDArray[np.floating]) -> NDArray[np.float64]:
         """(C, 5), see `kernels.residuals`."""
-        for channel, blurred in zip(x, self._blurred, strict=True):
-            blur.blur(channel, self._taps, self._size, blurred)
-        frames, rows = self._weights.shape[:2]
-        sums = np.zeros((frames * rows, len(x), 5))
-        samples = (self._values, self._weights, self._positions)
-        team.share(kernels.residuals, *samples, self._scale, self._offset, self._blurred, sums)
+        team.share(blur.blur, x, self._taps, self._size, self._blurred)
+        sums = np.zeros((self._samples[-1].shape[0] * self._samples[-1].shape[1], len(x), 5))
+        team.share(kernels.residuals, *self._samples, self._blurred, sums)
         return np.asarray(sums.sum(axis=0))

@@ -122,14 +122,17 @@ def transform(rank, threads, x, stencil, side, taps, size, factor, out):  # type
 
 
 @njit(nogil=True, cache=True)
-def blur(x, taps, size, out):  # type: ignore[no-untyped-def]
-    """out ← B x, one channel; out (nodes + 2, nodes + 2), padded by 1."""
-    rows, columns, padded = x.shape[0] - 4, x.shape[1] - 4, taps.size
-    line, along = np.zeros(columns + padded, x.dtype), np.zeros((padded, columns - size + 1), x.dtype)
-    ready = 0
-    for q in range(rows - size + 1):
-        while ready < q + size:
-            line[:columns] = x[ready + 2, 2 : 2 + columns]
-            blur_along(line, taps, along[ready % padded])
-            ready += 1
-        blur_across(along, q, 1, taps, out[q + 1, 1 : 1 + along.shape[1]])
+def blur(rank, threads, x, taps, size, out):  # type: ignore[no-untyped-def]
+    """out (C, nodes + 2, nodes + 2) ← B x, padded by 1; by a team."""
+    columns, padded = x.shape[2] - 4, taps.size
+    node_rows, nodes = x.shape[1] - 4 - size + 1, columns - size + 1
+    line, along = np.zeros(columns + padded, x.dtype), np.zeros((padded, nodes), x.dtype)
+    top, end = rank * node_rows // threads, (rank + 1) * node_rows // threads
+    for c in range(x.shape[0]):
+        ready = top
+        for q in range(top, end):
+            while ready < q + size:
+                line[:columns] = x[c, ready + 2, 2 : 2 + columns]
+                blur_along(line, taps, along[ready % padded])
+                ready += 1
+            blur_across(along, q, 1, taps, out[c, q + 1, 1 : 1 + nodes])
