@@ -42,7 +42,8 @@ def _place_row(weights, positions, scale, offset, shape, nodes, down, right):  #
     for j in range(n):
         u = (np.float64(positions[j, 0]) + half) * scale + offset
         v = (np.float64(positions[j, 1]) + half) * scale + offset
-        r, s = min(np.floor(u), last_row - one), min(np.floor(v), last_column - one)
+        r = min(np.float64(np.int32(u)), last_row - one)
+        s = min(np.float64(np.int32(v)), last_column - one)
         # A footprint that leaves the map has no node; comparisons also refuse NaN.
         kept = (ws[j] > 0) & (u >= nothing) & (u <= last_row) & (v >= nothing) & (v <= last_column)
         downs[j], rights[j] = u - r, v - s
@@ -65,7 +66,9 @@ def accumulate(rank, size, values, weights, nodes, fractions, spans, stencil, si
 
     Bands of node rows are filled one by one, which keeps them in cache and gives each band one writer.
 
-    Args: values (C, N, H, W); weights (N, H, W); nodes, fractions, spans of `place`; stencil (5, …), side (C, …).
+    Args:
+        values: (C, N, H, W); weights: (N, H, W); nodes, fractions, spans: of `place`.
+        stencil: (5, …); side: (C, …).
     """
     frames, rows = weights.shape[:2]
     node_rows, width = stencil.shape[1] - 2, stencil.shape[2]

@@ -1,0 +1,322 @@
+"""What a map teaches the next pass, by rows: its slope, the weights that the prior keeps, its ties.
+
+All three are averages under a Gaussian, symmetric and of an odd number of taps, given as its middle tap and
+those on one side, a multiple of three. Borders are mirrored, the last pixel not repeated. Rows
+are made one by one and kept, blurred along, in rings for as long as they are needed: of images that are only
+averaged nothing is ever stored.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from solver.kernels.prior import COLUMNS, ROWS
+
+_RING = 16
+"""Rows kept, a power of two and more than any Gaussian here spans but the slope's, which needs no ring."""
+
+
+def gaussian(deviation: float, reach: int) -> NDArray[np.float64]:
+    """The middle tap of a Gaussian of sum 1 and the `reach` ones on either side."""
+    taps = np.exp(-0.5 * (np.arange(reach + 1) / deviation) ** 2)
+    return np.asarray(taps / (2 * taps.sum() - taps[0]))
+
+
+@njit
+def _mirrored(i, n):  # type: ignore[no-untyped-def]
+    """The one of n rows that stands for row i."""
+    if n == 1:
+        return 0
+    i = abs(i) % (2 * n - 2)
+    return i if i < n else 2 * n - 2 - i
+
+
+@njit(fastmath=True)
+def _along(line, taps, out):  # type: ignore[no-untyped-def]
+    """out ← the average along a line, whose n entries begin at the Gaussian's reach and are mirrored here."""
+    n, reach = out.size, taps.size - 1
+    for k in range(1, reach + 1):
+        line[reach - k] = line[reach + _mirrored(k, n)]
+        line[reach + n - 1 + k] = line[reach + _mirrored(n - 1 + k, n)]
+    for k in range(1, reach, 3):
+        h, h0, h1, h2 = taps[0], taps[k], taps[k + 1], taps[k + 2]
+        middle, r, q = line[reach : reach + n], reach + k, reach - k
+        a, b, c = line[r : r + n], line[r + 1 : r + 1 + n], line[r + 2 : r + 2 + n]
+        d, e, f = line[q : q + n], line[q - 1 : q - 1 + n], line[q - 2 : q - 2 + n]
+        if k == 1:
+            for j in range(n):
+                out[j] = h * middle[j] + h0 * (a[j] + d[j]) + h1 * (b[j] + e[j]) + h2 * (c[j] + f[j])
+        else:
+            for j in range(n):
+                out[j] += h0 * (a[j] + d[j]) + h1 * (b[j] + e[j]) + h2 * (c[j] + f[j])
+
+
+@njit(fastmath=True)
+def _across(rows, i, count, taps, out):  # type: ignore[no-untyped-def]
+    """out ← the average across rows about row i; row r is kept at rows[r modulo count].
+
+    `rows` hold a whole image of `count` rows instead where count is negative: then they are mirrored.
+    """
+    n, h = out.size, taps[0]
+    for k in range(1, taps.size, 3):
+        h0, h1, h2 = taps[k], taps[k + 1], taps[k + 2]
+        middle, a, b, c = (
+            rows[_at(i, count)],
+            rows[_at(i + k, count)],
+            rows[_at(i + k + 1, count)],
+            rows[_at(i + k + 2, count)],
+        )
+        d, e, f = rows[_at(i - k, count)], rows[_at(i - k - 1, count)], rows[_at(i - k - 2, count)]
+        if k == 1:
+            for j in range(n):
+                out[j] = h * middle[j] + h0 * (a[j] + d[j]) + h1 * (b[j] + e[j]) + h2 * (c[j] + f[j])
+        else:
+            for j in range(n):
+                out[j] += h0 * (a[j] + d[j]) + h1 * (b[j] + e[j]) + h2 * (c[j] + f[j])
+
+
+@njit
+def _at(i, count):  # type: ignore[no-untyped-def]
+    return i % count if count > 0 else _mirrored(i, -count)
+
+
+@njit(fastmath=True)
+def _subtract(a, b, out):  # type: ignore[no-untyped-def]
+    for j in range(out.size):
+        out[j] = a[j] - b[j]
+
+
+@njit(fastmath=True, error_model="numpy")
+def _say(down, right, scale, out):  # type: ignore[no-untyped-def]
+    """out ← 1 / (1 + scale · rises²)², rises (C, n)."""
+    one = out.dtype.type(1)
+    out[:] = 0
+    for c in range(down.shape[0]):
+        a, b = down[c], right[c]
+        for j in range(out.size):
+            out[j] += a[j] * a[j] + b[j] * b[j]
+    for j in range(out.size):
+        part = one + scale * out[j]
+        out[j] = one / (part * part)
+
+
+@njit(fastmath=True)
+def _vote(say, rise, out):  # type: ignore[no-untyped-def]
+    for j in range(out.size):
+        out[j] += say[j] * rise[j]
+
+
+@njit(fastmath=True)
+def _pairs(line, out):  # type: ignore[no-untyped-def]
+    """out ← sums of two neighbours; the last one of an odd number is alone."""
+    for j in range(line.size // 2):
+        out[j] = line[2 * j] + line[2 * j + 1]
+    if line.size % 2:
+        out[line.size // 2] = line[line.size - 1]
+
+
+@njit(nogil=True, cache=True)
+def votes(rank, size, x, scale, taps, out):  # type: ignore[no-untyped-def]
+    """out (1 + 2 C, half rows, half columns) ← each pixel's say, and its rise by row and by column times it.
+
+    Sums over 2 × 2 pixels, averaged along rows; by a team.
+
+    Args:
+        x: (C, rows + 4, columns + 4), padded; the last row and column repeat the rise before them.
+        scale: 1 / edge²; the say is 1 / (1 + scale · rises²)².
+    """
+    channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
+    half_rows, half, reach = out.shape[1], out.shape[2], taps.size - 1
+    down, right = np.zeros((channels, n), x.dtype), np.zeros((channels, n), x.dtype)
+    say, sums, line = (
+        np.zeros(n, x.dtype),
+        np.zeros((out.shape[0], n), x.dtype),
+        np.zeros(half + 2 * reach, x.dtype),
+    )
+    ones = np.ones(n, x.dtype)
+    for pair in range(rank * half_rows // size, (rank + 1) * half_rows // size):
+        sums[:] = 0
+        for row in range(2 * pair, min(2 * pair + 2, rows)):
+            # In an image of one row or column nothing rises along it.
+            i, last = min(row, max(0, rows - 2)), max(n - 1, 1)
+            for c in range(channels):
+                if rows > 1:
+                    _subtract(x[c, i + 3, 2 : 2 + n], x[c, i + 2, 2 : 2 + n], down[c])
+                _subtract(x[c, row + 2, 3 : 2 + n], x[c, row + 2, 2 : 1 + n], right[c, : n - 1])
+                right[c, last:] = right[c, last - 1]
+            _say(down, right, scale, say)
+            _vote(say, ones, sums[0])
+            for c in range(channels):
+                _vote(say, down[c], sums[1 + 2 * c])
+                _vote(say, right[c], sums[2 + 2 * c])
+        for number in range(out.shape[0]):
+            _pairs(sums[number], line[reach : reach + half])
+            _along(line, taps, out[number, pair])
+
+
+@njit(fastmath=True)
+def _between(a, b, near, line, out):  # type: ignore[no-untyped-def]
+    """out (n,) ← near · a + (1 − near) · b, half rows, at twice the resolution."""
+    half, far = a.size, a.dtype.type(1) - near
+    middle = line[1 : 1 + half]
+    for j in range(half):
+        middle[j] = near * a[j] + far * b[j]
+    line[0], line[half + 1] = line[1], line[half]
+    most, least = a.dtype.type(0.75), a.dtype.type(0.25)
+    for j in range(out.size // 2):
+        out[2 * j] = most * line[j + 1] + least * line[j]
+        out[2 * j + 1] = most * line[j + 1] + least * line[j + 2]
+    if out.size % 2:
+        out[out.size - 1] = most * line[half] + least * line[half - 1]
+
+
+@njit(fastmath=True, error_model="numpy")
+def _divide(a, b, tiny, out):  # type: ignore[no-untyped-def]
+    for j in range(out.size):
+        out[j] = a[j] / (b[j] + tiny)
+
+
+@njit(nogil=True, cache=True)
+def slopes(rank, size, votes, taps, tiny, out):  # type: ignore[no-untyped-def]
+    """out (C, 2, rows + 4, columns + 4) ← the mean rise by row and by column, 0 in the padding; by a team.
+
+    Args: votes as `votes` leaves them, still to be averaged across rows; tiny: more than no say at all.
+    """
+    channels, rows, n = out.shape[0], out.shape[2] - 4, out.shape[3] - 4
+    images, half_rows, half = votes.shape
+    kind = votes.dtype.type
+    near = np.zeros((2, images, half), votes.dtype)
+    line, total, vote = np.zeros(half + 2, votes.dtype), np.zeros(n, votes.dtype), np.zeros(n, votes.dtype)
+    top, end = rank * half_rows // size, (rank + 1) * half_rows // size
+    ready = top - 2
+    for row in range(2 * top, min(2 * end, rows)):
+        # Half rows lie between pairs of rows: row i at ½ i − ¼.
+        first = (row + 1) // 2 - 1
+        while ready < first + 1:
+            ready += 1
+            for number in range(images):
+                _across(
+                    votes[number],
+                    min(max(ready, 0), half_rows - 1),
+                    -half_rows,
+                    taps,
+                    near[ready % 2, number],
+                )
+        share = kind(0.75) if row % 2 else kind(0.25)
+        upper, lower = near[first % 2], near[(first + 1) % 2]
+        _between(upper[0], lower[0], share, line, total)
+        for c in range(channels):
+            for axis in range(2):
+                target = out[c, axis, row + 2]
+                _between(upper[1 + 2 * c + axis], lower[1 + 2 * c + axis], share, line, vote)
+                _divide(vote, total, tiny, target[2 : 2 + n])
+                target[:2] = 0
+                target[2 + n :] = 0
+    for c in range(channels):
+        for axis in range(2):
+            if rank == 0:
+                out[c, axis, :2] = 0
+            if rank == size - 1:
+                out[c, axis, rows + 2 :] = 0
+
+
+@njit(fastmath=True, error_model="numpy")
+def _keep(rough, scale, gain, radius, freed):  # type: ignore[no-untyped-def]
+    one = rough.dtype.type(1)
+    for j in range(rough.size):
+        part = rough[j] * scale
+        kept = one / (one + part * part)
+        radius[j] = gain * kept
+        freed[j] = one - kept
+
+
+@njit(nogil=True, cache=True)
+def keep(rank, size, norms, taps, scale, gain, radius, freed):  # type: ignore[no-untyped-def]
+    """radius ← gain · ρ, freed ← 1 − ρ with ρ = 1 / (1 + (scale · mean norm)²); by a team.
+
+    Args: norms, radius, freed (rows + 4, columns + 4), padded; paddings of the last two are left alone.
+    """
+    rows, n, reach = norms.shape[0] - 4, norms.shape[1] - 4, taps.size - 1
+    ring, line, rough = (
+        np.zeros((_RING, n), norms.dtype),
+        np.zeros(n + 2 * reach, norms.dtype),
+        np.zeros(n, norms.dtype),
+    )
+    top, end = rank * rows // size, (rank + 1) * rows // size
+    for row in range(top - reach, end + reach):
+        line[reach : reach + n] = norms[_mirrored(row, rows) + 2, 2 : 2 + n]
+        _along(line, taps, ring[row % _RING])
+        i = row - reach
+        if i >= top:
+            _across(ring, i, _RING, taps, rough)
+            _keep(rough, scale, gain, radius[i + 2, 2 : 2 + n], freed[i + 2, 2 : 2 + n])
+
+
+@njit(fastmath=True)
+def _add_difference(k, i, x, slope, out):  # type: ignore[no-untyped-def]
+    """out += (G x − s)² of difference k at row i, one channel."""
+    n = out.size
+    down, right = x.dtype.type(ROWS[k]), x.dtype.type(COLUMNS[k])
+    here, there = x[i, 2 : 2 + n], x[i + ROWS[k], 2 + COLUMNS[k] : 2 + COLUMNS[k] + n]
+    fall, run, target = slope[0, i, 2 : 2 + n], slope[1, i, 2 : 2 + n], out[:n]
+    for j in range(n):
+        found = here[j] - there[j] + down * fall[j] + right * run[j]
+        target[j] += found * found
+
+
+@njit(fastmath=True)
+def _size(weight, line):  # type: ignore[no-untyped-def]
+    for j in range(line.size):
+        line[j] = np.sqrt(weight[j] * line[j])
+
+
+@njit(fastmath=True, error_model="numpy")
+def _loosen(mean, freed, across, out):  # type: ignore[no-untyped-def]
+    """out = 255 · freed / (1 + (mean · across)²)², rounded; one row."""
+    n = mean.size
+    s, f, target, one = mean[:n], freed[:n], out[:n], mean.dtype.type(1)
+    most, half = mean.dtype.type(255), mean.dtype.type(0.5)
+    for j in range(n):
+        loose = one + (s[j] * across) * (s[j] * across)
+        target[j] = np.uint8(np.int32(most * f[j] / (loose * loose) + half))
+
+
+@njit(nogil=True, cache=True)
+def tie(rank, size, x, slope, up, taps, freed, across, levels):  # type: ignore[no-untyped-def]
+    """levels ← 255 · freed / (1 + (mean |G x − s| · across)²)²; by a team.
+
+    Args:
+        x (C, rows + 4, …); slope (C, 2, …); up, the squared weights, as in `kernels.prior`.
+        freed: (rows + 4, columns + 4), 1 − ρ.
+        levels: (6, rows + 4, columns + 4), 0 where the difference leaves the image.
+    """
+    rows, n, reach = x.shape[1] - 4, x.shape[2] - 4, taps.size - 1
+    rings, line, mean = (
+        np.zeros((6, _RING, n), x.dtype),
+        np.zeros(n + 2 * reach, x.dtype),
+        np.zeros(n, x.dtype),
+    )
+    top, end = rank * rows // size, (rank + 1) * rows // size
+    for row in range(top - reach, end + reach):
+        source, i, own = _mirrored(row, rows), row - reach, line[reach : reach + n]
+        weights = up[max(0, source + 3 - rows)]
+        for k in range(6):
+            own[:] = 0
+            for c in range(x.shape[0]):
+                _add_difference(k, source + 2, x[c], slope[c], own)
+            _size(weights[k], own)
+            _along(line, taps, rings[k, row % _RING])
+            if i >= top:
+                target, first = levels[k, i + 2], min(max(0, -COLUMNS[k]), n)
+                last = max(first, n - max(0, COLUMNS[k])) if i + ROWS[k] < rows else first
+                _across(rings[k], i, _RING, taps, mean)
+                _loosen(
+                    mean[first:last], freed[i + 2, 2 + first : 2 + last], across, target[2 + first : 2 + last]
+                )
+                target[: 2 + first] = 0
+                target[2 + last :] = 0
+    for k in range(6):
+        if rank == 0:
+            levels[k, :2] = 0
+        if rank == size - 1:
+            levels[k, rows + 2 :] = 0
