@@ -49,8 +49,8 @@ def complete(problem: Problem, solution: Solution) -> tuple[NDArray[np.float32],
     if known.all():
         distance = solution.distance.copy()
     else:
-        distance = smooth(solution.distance, known)
-        np.maximum(away, reach(known), out=away)
+        distance, beyond = smooth(solution.distance, known)
+        np.maximum(away, beyond, out=away)
     return distance, deviation(problem, solution, precision, away, distance)
 
 

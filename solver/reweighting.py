@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from solver.kernels import learning as kernels
 from solver.kernels import team
+from solver.kernels.smoothing import gaussian
 from solver.memory_gradient import Outcome, State, Term, minimise, start
 from solver.options import FusionOptions
 from solver.prior import Prior, level
@@ -133,7 +134,7 @@ def _learn(prior: Prior, state: State, plan: Reweighting) -> Term:
     kind = state.x.dtype.type
     state.slope = slope(state.x, plan.edge)
     norms, freed = prior.norms(state.x, state.slope), np.zeros_like(state.radius)
-    taps = kernels.gaussian(_AROUND, _TAPS).astype(state.x.dtype)
+    taps = gaussian(_AROUND, _TAPS).astype(state.x.dtype)
     team.share(kernels.keep, norms, taps, kind(1 / plan.epsilon), kind(plan.gain), state.radius, freed)
     ties = Ties.along_edges(state.x, state.slope, prior, freed, plan.tie, plan.across)
     state.epsilon, state.fit = 0.0, None

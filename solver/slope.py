@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from solver.kernels import learning as kernels
 from solver.kernels import team
+from solver.kernels.smoothing import gaussian
 
 _REACH = 5.0
 """Deviation of the Gaussian that averages slopes, fused pixels: over one low-resolution pixel at ×4.
@@ -30,7 +31,7 @@ def slope(x: NDArray[np.floating], edge: float) -> NDArray[np.floating]:
         (C, 2, rows + 4, columns + 4), zero in the padding.
     """
     channels, rows, columns = len(x), x.shape[1] - 4, x.shape[2] - 4
-    taps = kernels.gaussian(_REACH / 2, _TAPS).astype(x.dtype)
+    taps = gaussian(_REACH / 2, _TAPS).astype(x.dtype)
     votes = np.empty((1 + 2 * channels, (rows + 1) // 2, (columns + 1) // 2), x.dtype)
     team.share(kernels.votes, x, x.dtype.type(1 / edge**2), taps, votes)
     out: NDArray[np.floating] = np.empty((channels, 2, *x.shape[1:]), x.dtype)

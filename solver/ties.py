@@ -21,6 +21,7 @@ from solver.footprint import AreaTerm
 from solver.kernels import learning, team
 from solver.kernels import ties as kernels
 from solver.kernels.prior import PAD
+from solver.kernels.smoothing import gaussian
 from solver.memory_gradient import Operator, State
 from solver.prior import Prior
 
@@ -65,7 +66,7 @@ class Ties:
         kind = x.dtype.type
         weights = prior.weights.astype(x.dtype) ** 2
         levels = np.empty((len(weights), *x.shape[1:]), np.uint8)
-        taps = learning.gaussian(_REACH, _TAPS).astype(x.dtype)
+        taps = gaussian(_REACH, _TAPS).astype(x.dtype)
         team.share(learning.tie, x, slope, prior.tables(x), taps, freed, kind(1 / across), levels)
         return cls(levels, weights * kind(strength / 255), slope)
 

@@ -1,83 +1,17 @@
 """What a map teaches the next pass, by rows: its slope, the weights that the prior keeps, its ties.
 
-All three are averages under a Gaussian, symmetric and of an odd number of taps, given as its middle tap and
-those on one side, a multiple of three. Borders are mirrored, the last pixel not repeated. Rows
-are made one by one and kept, blurred along, in rings for as long as they are needed: of images that are only
-averaged nothing is ever stored.
+All three are averages (`kernels.smoothing`). Rows are made one by one and kept, averaged along, in rings for
+as long as they are needed: images that are only averaged are never stored.
 """
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from solver.kernels.prior import COLUMNS, ROWS
+from solver.kernels.smoothing import across, along, mirrored
 
 _RING = 16
-"""Rows kept, a power of two and more than any Gaussian here spans but the slope's, which needs no ring."""
-
-
-def gaussian(deviation: float, reach: int) -> NDArray[np.float64]:
-    """The middle tap of a Gaussian of sum 1 and the `reach` ones on either side."""
-    taps = np.exp(-0.5 * (np.arange(reach + 1) / deviation) ** 2)
-    return np.asarray(taps / (2 * taps.sum() - taps[0]))
-
-
-@njit
-def _mirrored(i, n):  # type: ignore[no-untyped-def]
-    """The one of n rows that stands for row i."""
-    if n == 1:
-        return 0
-    i = abs(i) % (2 * n - 2)
-    return i if i < n else 2 * n - 2 - i
-
-
-@njit(fastmath=True)
-def _along(line, taps, out):  # type: ignore[no-untyped-def]
-    """out ← the average along a line, whose n entries begin at the Gaussian's reach and are mirrored here."""
-    n, reach = out.size, taps.size - 1
-    for k in range(1, reach + 1):
-        line[reach - k] = line[reach + _mirrored(k, n)]
-        line[reach + n - 1 + k] = line[reach + _mirrored(n - 1 + k, n)]
-    for k in range(1, reach, 3):
-        h, h0, h1, h2 = taps[0], taps[k], taps[k + 1], taps[k + 2]
-        middle, r, q = line[reach : reach + n], reach + k, reach - k
-        a, b, c = line[r : r + n], line[r + 1 : r + 1 + n], line[r + 2 : r + 2 + n]
-        d, e, f = line[q : q + n], line[q - 1 : q - 1 + n], line[q - 2 : q - 2 + n]
-        if k == 1:
-            for j in range(n):
-                out[j] = h * middle[j] + h0 * (a[j] + d[j]) + h1 * (b[j] + e[j]) + h2 * (c[j] + f[j])
-        else:
-            for j in range(n):
-                out[j] += h0 * (a[j] + d[j]) + h1 * (b[j] + e[j]) + h2 * (c[j] + f[j])
-
-
-@njit(fastmath=True)
-def _across(rows, i, count, taps, out):  # type: ignore[no-untyped-def]
-    """out ← the average across rows about row i; row r is kept at rows[r modulo count].
-
-    `rows` hold a whole image of `count` rows instead where count is negative: then they are mirrored.
-    """
-    n, h = out.size, taps[0]
-    for k in range(1, taps.size, 3):
-        h0, h1, h2 = taps[k], taps[k + 1], taps[k + 2]
-        middle, a, b, c = (
-            rows[_at(i, count)],
-            rows[_at(i + k, count)],
-            rows[_at(i + k + 1, count)],
-            rows[_at(i + k + 2, count)],
-        )
-        d, e, f = rows[_at(i - k, count)], rows[_at(i - k - 1, count)], rows[_at(i - k - 2, count)]
-        if k == 1:
-            for j in range(n):
-                out[j] = h * middle[j] + h0 * (a[j] + d[j]) + h1 * (b[j] + e[j]) + h2 * (c[j] + f[j])
-        else:
-            for j in range(n):
-                out[j] += h0 * (a[j] + d[j]) + h1 * (b[j] + e[j]) + h2 * (c[j] + f[j])
-
-
-@njit
-def _at(i, count):  # type: ignore[no-untyped-def]
-    return i % count if count > 0 else _mirrored(i, -count)
+"""Rows kept, a power of two and more than Gaussians of three taps on a side span."""
 
 
 @njit(fastmath=True)
@@ -151,7 +85,7 @@ def votes(rank, size, x, scale, taps, out):  # type: ignore[no-untyped-def]
                 _vote(say, right[c], sums[2 + 2 * c])
         for number in range(out.shape[0]):
             _pairs(sums[number], line[reach : reach + half])
-            _along(line, taps, out[number, pair])
+            along(line, taps, out[number, pair])
 
 
 @njit(fastmath=True)
@@ -195,7 +129,7 @@ def slopes(rank, size, votes, taps, tiny, out):  # type: ignore[no-untyped-def]
         while ready < first + 1:
             ready += 1
             for number in range(images):
-                _across(
+                across(
                     votes[number],
                     min(max(ready, 0), half_rows - 1),
                     -half_rows,
@@ -244,11 +178,11 @@ def keep(rank, size, norms, taps, scale, gain, radius, freed):  # type: ignore[n
     )
     top, end = rank * rows // size, (rank + 1) * rows // size
     for row in range(top - reach, end + reach):
-        line[reach : reach + n] = norms[_mirrored(row, rows) + 2, 2 : 2 + n]
-        _along(line, taps, ring[row % _RING])
+        line[reach : reach + n] = norms[mirrored(row, rows) + 2, 2 : 2 + n]
+        along(line, taps, ring[row % _RING])
         i = row - reach
         if i >= top:
-            _across(ring, i, _RING, taps, rough)
+            across(ring, i, _RING, taps, rough)
             _keep(rough, scale, gain, radius[i + 2, 2 : 2 + n], freed[i + 2, 2 : 2 + n])
 
 
@@ -271,19 +205,19 @@ def _size(weight, line):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=True, error_model="numpy")
-def _loosen(mean, freed, across, out):  # type: ignore[no-untyped-def]
-    """out = 255 · freed / (1 + (mean · across)²)², rounded; one row."""
+def _loosen(mean, freed, inverse, out):  # type: ignore[no-untyped-def]
+    """out = 255 · freed / (1 + (mean · inverse)²)², rounded; one row."""
     n = mean.size
     s, f, target, one = mean[:n], freed[:n], out[:n], mean.dtype.type(1)
     most, half = mean.dtype.type(255), mean.dtype.type(0.5)
     for j in range(n):
-        loose = one + (s[j] * across) * (s[j] * across)
+        loose = one + (s[j] * inverse) * (s[j] * inverse)
         target[j] = np.uint8(np.int32(most * f[j] / (loose * loose) + half))
 
 
 @njit(nogil=True, cache=True)
-def tie(rank, size, x, slope, up, taps, freed, across, levels):  # type: ignore[no-untyped-def]
-    """levels ← 255 · freed / (1 + (mean |G x − s| · across)²)²; by a team.
+def tie(rank, size, x, slope, up, taps, freed, inverse, levels):  # type: ignore[no-untyped-def]
+    """levels ← 255 · freed / (1 + (inverse · mean |G x − s|)²)²; by a team.
 
     Args:
         x (C, rows + 4, …); slope (C, 2, …); up, the squared weights, as in `kernels.prior`.
@@ -298,20 +232,23 @@ def tie(rank, size, x, slope, up, taps, freed, across, levels):  # type: ignore[
     )
     top, end = rank * rows // size, (rank + 1) * rows // size
     for row in range(top - reach, end + reach):
-        source, i, own = _mirrored(row, rows), row - reach, line[reach : reach + n]
+        source, i, own = mirrored(row, rows), row - reach, line[reach : reach + n]
         weights = up[max(0, source + 3 - rows)]
         for k in range(6):
             own[:] = 0
             for c in range(x.shape[0]):
                 _add_difference(k, source + 2, x[c], slope[c], own)
             _size(weights[k], own)
-            _along(line, taps, rings[k, row % _RING])
+            along(line, taps, rings[k, row % _RING])
             if i >= top:
                 target, first = levels[k, i + 2], min(max(0, -COLUMNS[k]), n)
                 last = max(first, n - max(0, COLUMNS[k])) if i + ROWS[k] < rows else first
-                _across(rings[k], i, _RING, taps, mean)
+                across(rings[k], i, _RING, taps, mean)
                 _loosen(
-                    mean[first:last], freed[i + 2, 2 + first : 2 + last], across, target[2 + first : 2 + last]
+                    mean[first:last],
+                    freed[i + 2, 2 + first : 2 + last],
+                    inverse,
+                    target[2 + first : 2 + last],
                 )
                 target[: 2 + first] = 0
                 target[2 + last :] = 0
