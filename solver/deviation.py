@@ -8,7 +8,6 @@ in fused pixels. The constants are measured on simulated scenes (tests/solver/te
 it).
 """
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,7 +29,8 @@ def sample_precision(problem: Problem) -> NDArray[np.float32]:
     """(βH, βW): Σ 1 / σ² of the samples on each fused pixel, relative to the usual sample's; 0 = none."""
     precision = np.zeros(problem.fused_shape, np.float32)
     noisy = bool(problem.noise)
-    sparse.scatter_precision(
+    team.share(
+        sparse.scatter_precision,
         problem.distance,
         problem.sigma if noisy else np.ones_like(problem.sigma),
         problem.positions,
@@ -56,27 +56,22 @@ def deviation(
         away: in fused pixels. NaN, in the distance too, further than `fill` low-resolution pixels away.
     """
     factor = problem.options.upsampling
-    window = (factor, factor)
-    near = cv2.blur(precision, window, borderType=cv2.BORDER_REFLECT)
     usual = problem.usual_deviation if problem.noise else 0.0
     floor, share, shift = _SLOPED.get(problem.options.method, _LEVEL)
     relative = solution.relative
     smoothing = 1.0 if relative is None else float(np.hypot(floor, share / relative))
     frames = len(problem.distance) if problem.options.method in _SINGLE else 1
-    steep = np.empty_like(distance)
-    team.share(kernels.steepness, distance, steep)
-    spread = cv2.blur(steep, window, borderType=cv2.BORDER_REFLECT)
     each = factor**2 / frames  # samples, for one on average
+    out = np.empty_like(distance)
     team.share(
         kernels.combine,
-        near,
+        distance,
+        precision,
+        factor,
         np.float32(smoothing * usual / np.sqrt(each)),
         np.float32(_LEAST / each),
-        spread,
         np.float32(shift),
-        away,
-        np.float32(1 / factor),
-        np.float32(problem.options.fill),
-        distance,
+        out,
     )
-    return np.asarray(spread)
+    team.share(kernels.fade, away, np.float32(1 / factor), np.float32(problem.options.fill), out, distance)
+    return out

@@ -37,34 +37,43 @@ def ratio(totals: NDArray[np.floating], share: NDArray[np.floating], least: floa
     for total in totals:
         kernels.divide(total, share, share.dtype.type(least), known)
     if not known.all():
-        labels = _labels(known)
+        labels = _labelled(known)[1]
         for total in totals:
             kernels.take(labels, known, total)
     return totals
 
 
-def smooth(values: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """The values with the unknown pixels bridged smoothly: harmonically, starting from the nearest ones."""
-    filled = nearest(values, known)
+def smooth(
+    values: NDArray[np.float32], known: NDArray[np.bool_]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """The values with the unknown pixels bridged smoothly, and the distance to the nearest known pixel.
+
+    They are harmonic, starting from the nearest ones.
+    """
+    away, labels = _labelled(known)
+    filled = values.copy()
+    kernels.take(labels, known, filled)
     rows, columns = np.nonzero(~known)
-    kernels.relax(filled, rows, columns, _SWEEPS, _OVER)
-    return filled
+    # As on a chessboard, the black ones first: no pixel then waits for the one before it.
+    order = np.argsort((rows + columns) % 2, kind="stable")
+    kernels.relax(filled, rows[order], columns[order], _SWEEPS, _OVER)
+    return filled, away
 
 
 def nearest(values: NDArray[np.float32], seen: NDArray[np.bool_]) -> NDArray[np.float32]:
     """The values with each unseen pixel taking that of the nearest seen one (at least one is seen)."""
     filled = values.copy()
     if not seen.all():
-        kernels.take(_labels(seen), seen, filled)
+        kernels.take(_labelled(seen)[1], seen, filled)
     return filled
 
 
-def _labels(seen: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """(rows, columns): a number for each seen pixel, and at unseen ones that of the nearest."""
-    _, labels = cv2.distanceTransformWithLabels(
+def _labelled(seen: NDArray[np.bool_]) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """(rows, columns) twice: see `reach`; a number for each seen pixel, and at unseen ones the nearest's."""
+    away, labels = cv2.distanceTransformWithLabels(
         _unseen(seen), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
     )
-    return np.asarray(labels)
+    return np.asarray(away, np.float32), np.asarray(labels)
 
 
 def _unseen(seen: NDArray[np.bool_]) -> NDArray[np.uint8]:

@@ -6,6 +6,8 @@ A_k averages X over each pixel's footprint at its exact position: bilinear inter
 B X, exact for a box of a whole number of fused pixels, a close approximation for other shapes.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -63,7 +65,6 @@ class AreaTerm:
         footprint: Footprint,
     ) -> None:
         """values (C, N, H, W) in units of λ; weights (N, H, W), 0 = not used; positions (N, H, W, 2)."""
-        self._values, self._weights, self._positions = values, weights, positions
         taps = footprint_taps(footprint, factor)
         self._size = len(taps)
         self.margin = factor + max(0, -(-(self._size - factor) // 2))
@@ -73,12 +74,14 @@ class AreaTerm:
         rows, columns = (n * factor + 2 * self.margin for n in values.shape[2:])
         self.shape = (len(values), rows, columns)
         nodes = (rows - self._size + 3, columns - self._size + 3)
-        self._scale, self._offset = float(factor), self.margin - self._size / 2
         self._stencil, self._side = np.zeros((5, *nodes), kind), np.zeros((len(values), *nodes), kind)
-        if not self._add(values, weights, positions):
+        self._grid = (float(factor), self.margin - self._size / 2, (nodes[0] - 2, nodes[1] - 2))
+        self._samples = self._placed(values, weights, positions)
+        if self._samples[-1][..., 1].max() < 0:
             raise FusionInputError(
                 "no valid pixel falls on the grid of frame 0; expected shifts smaller than the image"
             )
+        team.share(kernels.accumulate, *self._samples, self._stencil, self._side)
         self._blurred = np.zeros((len(values), *nodes), kind)
         # A footprint's row sum bounds its curvature; half of it was measured to need the fewest iterations.
         inside = np.zeros((1, rows + 2 * PAD, columns + 2 * PAD), kind)
@@ -88,33 +91,36 @@ class AreaTerm:
         self.curvature: NDArray[np.floating] = sums[0]
         self.curvature *= 0.5
 
-    def _add(
+    def _placed(
         self, values: NDArray[np.floating], weights: NDArray[np.floating], positions: NDArray[np.float32]
-    ) -> bool:
-        """Add frames to the normal equations; whether any of their samples falls on the map."""
-        place = (self._scale, self._offset)
-        nodes = (self._stencil.shape[1] - 2, self._stencil.shape[2] - 2)
-        spans = kernels.ranges(weights, positions, *place, *nodes)
-        samples = (np.ascontiguousarray(values), weights, positions)
-        team.share(kernels.accumulate, *samples, *place, spans, self._stencil, self._side)
-        return bool(spans[..., 1].max() >= 0)
+    ) -> tuple[NDArray[Any], ...]:
+        """Samples as the kernels take them, with their nodes, fractions and spans."""
+        places = np.empty(weights.shape, np.int32), np.empty((2, *weights.shape), values.dtype)
+        spans = np.empty((*weights.shape[:2], 2), np.int32)
+        team.share(kernels.place, weights, positions, *self._grid, *places, spans)
+        return (values, weights, *places, spans)
 
     def exchange(
         self,
         number: int,
-        before: NDArray[np.float32],
         values: NDArray[np.floating],
         weights: NDArray[np.floating],
+        positions: NDArray[np.float32],
     ) -> None:
-        """Put a frame, values (C, 1, H, W) and weights (1, H, W), in the place of frame `number`.
+        """Put a frame, values (C, 1, H, W), weights (1, H, W), positions (1, H, W, 2), in the place of one.
 
-        The positions given at first hold the new ones already, `before` (H, W, 2) those of the other frame.
         The curvature stays as it was: it only has to be about right.
         """
         slot = slice(number, number + 1)
-        self._add(self._values[:, slot], -self._weights[slot], before[None])
-        self._values[:, slot], self._weights[slot] = values, weights
-        self._add(values, weights, self._positions[slot])
+        every, weight, nodes, fractions, spans = self._samples
+        kept = every[:, slot], weight[slot], nodes[slot], fractions[:, slot], spans[slot]
+        before = [np.ascontiguousarray(image) for image in kept]
+        before[1] = -before[1]
+        team.share(kernels.accumulate, *before, self._stencil, self._side)
+        after = self._placed(values, weights, positions)
+        team.share(kernels.accumulate, *after, self._stencil, self._side)
+        for image, new in zip(kept, after, strict=True):
+            image[...] = new
 
     def operator(self) -> Operator:
         return Operator((self._stencil, self._side, self._taps, self._size))
@@ -175,10 +181,7 @@ class AreaTerm:
 
     def _sums(self, x: NDArray[np.floating]) -> NDArray[np.float64]:
         """(C, 5), see `kernels.residuals`."""
-        for channel, blurred in zip(x, self._blurred, strict=True):
-            blur.blur(channel, self._taps, self._size, blurred)
-        frames, rows = self._weights.shape[:2]
-        sums = np.zeros((frames * rows, len(x), 5))
-        samples = (self._values, self._weights, self._positions)
-        team.share(kernels.residuals, *samples, self._scale, self._offset, self._blurred, sums)
+        team.share(blur.blur, x, self._taps, self._size, self._blurred)
+        sums = np.zeros((self._samples[-1].shape[0] * self._samples[-1].shape[1], len(x), 5))
+        team.share(kernels.residuals, *self._samples, self._blurred, sums)
         return np.asarray(sums.sum(axis=0))

@@ -46,21 +46,21 @@ def amplitude_threshold(amplitude: NDArray[np.float32], noise: float, ambiguity_
 
 def median_light(amplitude: NDArray[np.float32], distance: NDArray[np.float32]) -> float:
     """The median of the positive amplitudes of the valid distances, 0 where there are none."""
-    flat = np.ascontiguousarray(amplitude).ravel()
-    return float(kernels.middle(flat, flat.view(np.int32), np.ascontiguousarray(distance).ravel()))
+    values = _thinned(amplitude, distance, 0.0)
+    return _median(values) if values.size else 0.0
 
 
 def usual_deviation(distance: NDArray[np.float32], sigma: NDArray[np.float32]) -> float:
     """The median deviation of the used samples, never 0, so that it can divide."""
-    values = kernels.thinned(sigma, distance, _ENOUGH)
+    values = _thinned(sigma, distance)
     tiny = float(np.finfo(np.float32).tiny)
     return max(_median(values), tiny) if values.size else tiny
 
 
 def spread(distance: NDArray[np.float32]) -> float:
     """The range of the distances without the outermost 2 % at either end: the scene's, not the outliers'."""
-    values = kernels.thinned(distance, distance, _ENOUGH)
-    return _quantile(values, 0.98) - _quantile(values, 0.02)
+    ranked = np.sort(_thinned(distance, distance))
+    return _quantile(ranked, 0.98) - _quantile(ranked, 0.02)
 
 
 def relief(distance: NDArray[np.float32], sigma: NDArray[np.float32]) -> float:
@@ -73,14 +73,20 @@ def _picked(count: int) -> NDArray[np.int64]:
     return np.linspace(0, count - 1, min(count, _FRAMES)).astype(np.int64)
 
 
+def _thinned(
+    values: NDArray[np.float32], others: NDArray[np.float32], least: float = -np.inf
+) -> NDArray[np.float32]:
+    contiguous = np.ascontiguousarray(values), np.ascontiguousarray(others)
+    return np.asarray(kernels.thinned(*contiguous, np.float32(least), _ENOUGH))
+
+
 def _median(values: NDArray[np.float32]) -> float:
-    return _quantile(values, 0.5)
+    return _quantile(np.sort(values), 0.5)
 
 
-def _quantile(values: NDArray[np.float32], share: float) -> float:
-    """Linear between ranks. NumPy's own take longer to start than a small image takes to fuse."""
-    rank = share * (len(values) - 1)
+def _quantile(ranked: NDArray[np.float32], share: float) -> float:
+    """Linear between ranks. NumPy's own takes longer to start than a small image takes to fuse."""
+    rank = share * (len(ranked) - 1)
     low = int(rank)
-    high = min(low + 1, len(values) - 1)
-    ranked = np.partition(values, (low, high))
+    high = min(low + 1, len(ranked) - 1)
     return float(ranked[low]) + (rank - low) * (float(ranked[high]) - float(ranked[low]))

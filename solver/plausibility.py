@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.kernels import sparse as kernels
+from solver.kernels import team
 from solver.problem import Problem
 
 _LEAST_LIGHT = 40.0
@@ -30,7 +31,7 @@ def around(
     low = np.full(problem.distance.shape[1:], np.inf, np.float32)
     high = np.full_like(low, -np.inf)
     most = np.float32(ambiguity_range / _LEAST_LIGHT)
-    kernels.extremes(problem.distance, problem.sigma, most, problem.positions, low, high)
+    team.share(kernels.extremes, problem.distance, problem.sigma, most, problem.positions, low, high)
     window = np.ones((3, 3), np.uint8)
     margin = np.float32(_MARGIN * usual)
     return np.asarray(cv2.erode(low, window)) - margin, np.asarray(cv2.dilate(high, window)) + margin

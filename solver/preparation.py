@@ -9,7 +9,7 @@ from solver.errors import FusionInputError
 from solver.fill import reach, smooth
 from solver.kernels import noise as kernels
 from solver.options import FusionOptions
-from solver.problem import Exchange, Problem, Solution
+from solver.problem import Problem, Solution
 
 
 def prepare(
@@ -58,8 +58,7 @@ def exchange(
 
     Noise, threshold and what else was learned of all frames stay. Returns whether the frame has a sample.
     """
-    problem.exchanged = Exchange(slot, problem.positions[slot].copy())
-    problem.positions[slot] = positions
+    problem.exchanged, problem.positions[slot] = slot, positions
     lost = np.isnan(positions[..., 0])
     if lost.any():
         distance = np.where(lost, np.float32(np.nan), distance)
@@ -79,8 +78,8 @@ def complete(problem: Problem, solution: Solution) -> tuple[NDArray[np.float32],
     if known.all():
         distance = solution.distance.copy()
     else:
-        distance = smooth(solution.distance, known)
-        np.maximum(away, reach(known), out=away)
+        distance, beyond = smooth(solution.distance, known)
+        np.maximum(away, beyond, out=away)
     return distance, deviation(problem, solution, precision, away, distance)
 
 

@@ -12,19 +12,6 @@ from solver.result import Progress
 from solver.reweighting import Trail
 
 
-@dataclass(frozen=True, slots=True)
-class Exchange:
-    """That a frame has taken another one's place.
-
-    Attributes:
-        slot: its number among the N.
-        before: (H, W, 2), where the other one looked.
-    """
-
-    slot: int
-    before: NDArray[np.float32]
-
-
 @dataclass
 class Problem:
     """Registered frames, ready to be fused.
@@ -40,7 +27,7 @@ class Problem:
         guide: (βH, βW) float32 intensity, or None.
         options: the caller's choices, `method` already resolved.
         threshold: the amplitude under which samples were left out; 0 = none were.
-        exchanged: all by which it differs from what it was when it was last solved; None = not solved before.
+        exchanged: the frame by which alone it differs from what it was when it was last solved, or None.
     """
 
     distance: NDArray[np.float32]
@@ -52,7 +39,7 @@ class Problem:
     guide: NDArray[np.float32] | None
     options: FusionOptions
     threshold: float = 0.0
-    exchanged: Exchange | None = None
+    exchanged: int | None = None
 
     @property
     def fused_shape(self) -> tuple[int, int]:

@@ -14,10 +14,12 @@ convex, the whole is not: objective, gap and stopping rule are those of the last
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.kernels import learning as kernels
+from solver.kernels import team
+from solver.kernels.smoothing import gaussian
 from solver.memory_gradient import Outcome, State, Term, minimise, start
 from solver.options import FusionOptions
 from solver.prior import Prior, level
@@ -27,6 +29,9 @@ from solver.ties import Ties
 
 _AROUND = 0.7
 """Deviation of the Gaussian that averages ‖∇X − s‖, fused pixels."""
+
+_TAPS = 3
+"""To either side: 4 deviations."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,9 +152,9 @@ def _learn(prior: Prior, state: State, plan: Reweighting) -> Term:
     """Give the state the next pass's weights and slope, and the data term ties along the edges."""
     kind = state.x.dtype.type
     state.slope = slope(state.x, plan.edge)
-    rough = cv2.GaussianBlur(prior.norms(state.x, state.slope), (0, 0), _AROUND)
-    kept = 1 / (1 + (rough * kind(1 / plan.epsilon)) ** 2)
-    ties = Ties.along_edges(state.x, state.slope, prior, 1 - kept, plan.tie, plan.across)
-    state.radius[...] = kind(plan.gain) * kept
+    norms, freed = prior.norms(state.x, state.slope), np.zeros_like(state.radius)
+    taps = gaussian(_AROUND, _TAPS).astype(state.x.dtype)
+    team.share(kernels.keep, norms, taps, kind(1 / plan.epsilon), kind(plan.gain), state.radius, freed)
+    ties = Ties.along_edges(state.x, state.slope, prior, freed, plan.tie, plan.across)
     state.epsilon, state.fit = 0.0, None
     return plan.tied(ties)

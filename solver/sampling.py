@@ -51,13 +51,14 @@ def sample(
     """
     shape = (values.shape[1] * factor, values.shape[2] * factor)
     weight, mean = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-    squares = kernels.scatter(values, weights, positions, float(factor), weight, mean)
+    squares = np.zeros(shape[0])
+    team.share(kernels.scatter, values, weights, positions, float(factor), weight, mean, squares)
     moved, low, high = kernels.average(weight, mean)
     if low > high:
         raise FusionInputError(
             "no valid pixel falls on the grid of frame 0; expected shifts smaller than the image"
         )
-    return Samples(weight, mean, max(0.0, squares - moved), float(low), float(high))
+    return Samples(weight, mean, max(0.0, float(squares.sum()) - moved), float(low), float(high))
 
 
 class SparseTerm:

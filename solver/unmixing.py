@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from solver.kernels import mixing as kernels
 from solver.kernels import team
+from solver.kernels.smoothing import gaussian
 
 _STEP = 1.5
 """Fused pixels from the edge at which one surface is seen alone; 2 and more miss thin parts (measured)."""
@@ -23,8 +24,7 @@ _FAINT = 0.3
 _OFF_LINE = 0.25
 """Z further from the line between P and M, in lengths of it, is no mixture of the two."""
 
-_TAPS = np.exp(-0.5 * np.arange(-4, 5) ** 2)
-_TAPS = (_TAPS / _TAPS.sum()).astype(np.float32)
+_TAPS = gaussian(1.0, 3).astype(np.float32)
 """A Gaussian of one pixel, which averages the structure tensor."""
 
 

@@ -48,8 +48,16 @@ def _couple(c, i, blurred, stencil, out):  # type: ignore[no-untyped-def]
     """out = M y at node row i, y of channel c in a ring of three rows with a zero on either side."""
     n, here, up = out.size, i + 1, i
     last, now, after = (c, (i + 2) % 3), (c, i % 3), (c, (i + 1) % 3)
-    c0, cr, cl = view(stencil, (0, here), 1, n), view(stencil, (1, here), 1, n), view(stencil, (1, here), 0, n)
-    cd, ca, cb = view(stencil, (2, here), 1, n), view(stencil, (3, here), 1, n), view(stencil, (4, here), 1, n)
+    c0, cr, cl = (
+        view(stencil, (0, here), 1, n),
+        view(stencil, (1, here), 1, n),
+        view(stencil, (1, here), 0, n),
+    )
+    cd, ca, cb = (
+        view(stencil, (2, here), 1, n),
+        view(stencil, (3, here), 1, n),
+        view(stencil, (4, here), 1, n),
+    )
     du, dua, dub = view(stencil, (2, up), 1, n), view(stencil, (3, up), 0, n), view(stencil, (4, up), 2, n)
     yl, yc, yr = view(blurred, now, 0, n), view(blurred, now, 1, n), view(blurred, now, 2, n)
     al, ac, ar = view(blurred, last, 0, n), view(blurred, last, 1, n), view(blurred, last, 2, n)
@@ -76,7 +84,10 @@ def _clear(out):  # type: ignore[no-untyped-def]
 def rings(channels, columns, taps, size):  # type: ignore[no-untyped-def]
     """What `apply` keeps from one call to the next: rows on their way, for a map of so many columns."""
     padded, nodes = taps.size, columns - size + 1
-    along, blurred = np.zeros((channels, padded, nodes), taps.dtype), np.zeros((channels, 3, nodes + 2), taps.dtype)
+    along, blurred = (
+        np.zeros((channels, padded, nodes), taps.dtype),
+        np.zeros((channels, 3, nodes + 2), taps.dtype),
+    )
     width = columns + 2 * padded
     return along, blurred, np.zeros((channels, padded, width), taps.dtype), np.zeros(width, taps.dtype)
 
@@ -134,13 +145,16 @@ def transform(rank, threads, x, stencil, side, taps, size, factor, out):  # type
 
 
 @njit(nogil=True, cache=True)
-def blur(x, taps, size, out):  # type: ignore[no-untyped-def]
-    """out ← B x, one channel; out (nodes + 2, nodes + 2), padded by 1."""
-    rows, columns, padded = x.shape[0] - 4, x.shape[1] - 4, taps.size
-    nodes, ready, one = columns - size + 1, 0, x.dtype.type(1)
+def blur(rank, threads, x, taps, size, out):  # type: ignore[no-untyped-def]
+    """out (C, nodes + 2, nodes + 2) ← B x, padded by 1; by a team."""
+    padded, one = taps.size, x.dtype.type(1)
+    node_rows, nodes = x.shape[1] - 4 - size + 1, x.shape[2] - 4 - size + 1
     along = np.zeros((1, padded, nodes), x.dtype)
-    for q in range(rows - size + 1):
-        while ready < q + size:
-            blur_along(x, (ready + 2,), 2, taps, one, view(along, (0, ready % padded), 0, nodes))
-            ready += 1
-        blur_across(0, along, q, 1, taps, view(out, (q + 1,), 1, nodes))
+    top, end = rank * node_rows // threads, (rank + 1) * node_rows // threads
+    for c in range(x.shape[0]):
+        ready = top
+        for q in range(top, end):
+            while ready < q + size:
+                blur_along(x, (c, ready + 2), 2, taps, one, view(along, (0, ready % padded), 0, nodes))
+                ready += 1
+            blur_across(0, along, q, 1, taps, view(out, (c, q + 1), 1, nodes))

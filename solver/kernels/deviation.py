@@ -6,42 +6,100 @@ from numba import njit
 from solver.kernels.prior import COLUMNS, ROWS
 
 
-@njit(nogil=True, fastmath=True, cache=True)
-def steepness(rank, size, x, out):  # type: ignore[no-untyped-def]
-    """out ← ‖∇x‖₂ by pixel of (rows, columns), the differences of `solver.prior`."""
+@njit(fastmath=True)
+def _steepness(x, i, out):  # type: ignore[no-untyped-def]
+    """out ← ‖∇x‖₂ along row i of (rows, columns), the differences of `solver.prior`."""
     rows, columns = x.shape
-    for i in range(rank * rows // size, (rank + 1) * rows // size):
-        target = out[i]
-        target[:] = 0
-        for k in range(6):
-            down, right = ROWS[k], COLUMNS[k]
-            if i + down >= rows or abs(right) >= columns:
-                continue
-            first, last = max(0, -right), columns - max(0, right)
-            here, there = x[i, first:last], x[i + down, first + right : last + right]
-            square, share = target[first:last], x.dtype.type(1 / (down * down + right * right))
-            for j in range(last - first):
-                square[j] += share * (here[j] - there[j]) * (here[j] - there[j])
-        for j in range(columns):
-            target[j] = np.sqrt(target[j])
+    out[:] = 0
+    for k in range(6):
+        down, right = ROWS[k], COLUMNS[k]
+        if i + down >= rows or abs(right) >= columns:
+            continue
+        first, last = max(0, -right), columns - max(0, right)
+        here, there = x[i, first:last], x[i + down, first + right : last + right]
+        square, share = out[first:last], x.dtype.type(1 / (down * down + right * right))
+        for j in range(last - first):
+            square[j] += share * (here[j] - there[j]) * (here[j] - there[j])
+    for j in range(columns):
+        out[j] = np.sqrt(out[j])
 
 
-@njit(nogil=True, fastmath={"contract", "arcp", "reassoc", "nsz"}, cache=True, error_model="numpy")
-def combine(rank, size, samples, noise, least, steep, shift, away, scale, most, distance):  # type: ignore[no-untyped-def]
-    """steep ← √(noise² / samples + (shift · steep)²), doubled with each unit that the nearest sample is away.
+@njit
+def _reflected(i, n):  # type: ignore[no-untyped-def]
+    """The one of n rows that stands for row i; the border row is repeated."""
+    i = i % (2 * n)
+    return i if i < n else 2 * n - 1 - i
 
-    Both it and distance become NaN further away than `most` units; images (rows, columns).
+
+@njit(fastmath=True)
+def _window(line, factor, out):  # type: ignore[no-untyped-def]
+    """out ← sums of `factor` neighbours along a line, whose entries begin at factor // 2."""
+    n, before = out.size, factor // 2
+    for k in range(1, factor + 1):
+        if k <= before:
+            line[before - k] = line[before + _reflected(-k, n)]
+        if k < factor - before:
+            line[before + n - 1 + k] = line[before + _reflected(n - 1 + k, n)]
+    out[:] = 0
+    for k in range(factor):
+        moved = line[k : k + n]
+        for j in range(n):
+            out[j] += moved[j]
+
+
+@njit(fastmath=True)
+def _add_rows(ring, out):  # type: ignore[no-untyped-def]
+    out[:] = 0
+    for k in range(len(ring)):
+        row = ring[k]
+        for j in range(out.size):
+            out[j] += row[j]
+
+
+@njit(fastmath={"contract", "arcp", "reassoc", "nsz"}, error_model="numpy")
+def _deviate(samples, steep, noise, least, shift, share, out):  # type: ignore[no-untyped-def]
+    for j in range(out.size):
+        slip = shift * share * steep[j]
+        out[j] = np.sqrt(noise * noise / max(samples[j] * share, least) + slip * slip)
+
+
+@njit(nogil=True, cache=True)
+def combine(rank, size, x, precision, factor, noise, least, shift, out):  # type: ignore[no-untyped-def]
+    """out ← √(noise² / samples + (shift · steepness)²), each a mean over factor × factor pixels; by a team.
 
     Args:
-        samples: counted as `least` where there are fewer.
-        away: in pixels, `scale` times as many units.
+        x: the fused map; precision: of the samples on each pixel; both (rows, columns).
+        least: as which fewer samples count.
     """
-    rows, columns = steep.shape
+    rows, n = x.shape
+    before, share = factor // 2, x.dtype.type(1 / factor**2)
+    rings, line = np.zeros((2, factor, n), x.dtype), np.zeros(n + factor, x.dtype)
+    samples, steep, own = np.zeros(n, x.dtype), np.zeros(n, x.dtype), line[before : before + n]
+    top, end = rank * rows // size, (rank + 1) * rows // size
+    for row in range(top - before, end + factor - 1 - before):
+        source = _reflected(row, rows)
+        own[:] = precision[source]
+        _window(line, factor, rings[0, row % factor])
+        _steepness(x, source, own)
+        _window(line, factor, rings[1, row % factor])
+        i = row - (factor - 1 - before)
+        if i >= top:
+            _add_rows(rings[0], samples)
+            _add_rows(rings[1], steep)
+            _deviate(samples, steep, noise, least, shift, share, out[i])
+
+
+@njit(nogil=True, fastmath={"contract", "arcp", "reassoc", "nsz"}, cache=True)
+def fade(rank, size, away, scale, most, deviation, distance):  # type: ignore[no-untyped-def]
+    """Double the deviation with each unit that the nearest sample is away; images (rows, columns); by a team.
+
+    Both it and distance become NaN further away than `most` units; away is in pixels, `scale` times as many
+    units.
+    """
+    rows, columns = distance.shape
     double = np.float32(np.log(2.0))
     for i in range(rank * rows // size, (rank + 1) * rows // size):
-        n, s, a, d = samples[i], steep[i], away[i], distance[i]
-        for j in range(columns):
-            s[j] = np.sqrt(noise * noise / max(n[j], least) + shift * shift * s[j] * s[j])
+        a, s, d = away[i], deviation[i], distance[i]
         for j in range(columns):
             if a[j] > 0:
                 units = a[j] * scale

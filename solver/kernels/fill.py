@@ -33,19 +33,20 @@ def divide(total, share, least, known):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def relax(values, rows, columns, sweeps, over):  # type: ignore[no-untyped-def]
-    """Gauss–Seidel sweeps with over-relaxation of Laplace's equation at the listed pixels, in place."""
+    """Gauss–Seidel sweeps with over-relaxation of Laplace's equation at the listed pixels, in place.
+
+    A pixel stands for the neighbours that it lacks. It is quick where no pixel is next to the one before it.
+    """
     height, width = values.shape
+    flat, one, quarter = values.reshape(-1), values.dtype.type(over), values.dtype.type(0.25)
+    around = np.empty((rows.size, 5), np.uintp)
+    for n in range(rows.size):
+        i, j = rows[n], columns[n]
+        around[n, 0] = i * width + j
+        around[n, 1], around[n, 2] = max(i - 1, 0) * width + j, min(i + 1, height - 1) * width + j
+        around[n, 3], around[n, 4] = i * width + max(j - 1, 0), i * width + min(j + 1, width - 1)
     for _ in range(sweeps):
         for n in range(rows.size):
-            i, j = rows[n], columns[n]
-            total, count = 0.0, 0
-            if i > 0:
-                total, count = total + values[i - 1, j], count + 1
-            if i + 1 < height:
-                total, count = total + values[i + 1, j], count + 1
-            if j > 0:
-                total, count = total + values[i, j - 1], count + 1
-            if j + 1 < width:
-                total, count = total + values[i, j + 1], count + 1
-            if count:
-                values[i, j] += over * (total / count - values[i, j])
+            here, a = around[n, 0], around[n]
+            total = (flat[a[1]] + flat[a[2]]) + (flat[a[3]] + flat[a[4]])
+            flat[here] += one * (quarter * total - flat[here])

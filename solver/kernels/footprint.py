@@ -2,7 +2,8 @@
 
 Every sample touches 2 × 2 nodes of B X, so Σ Aᵀ Ω A = Bᵀ M B with M a symmetric nine-point stencil, kept as
 five coefficient images: the node itself, its neighbours to the right, below, below right and below left. Node
-(0, 0) is the blur of the map's first taps × taps pixels.
+(0, 0) is the blur of the map's first taps × taps pixels. Images of nodes are padded by 1, and a sample's
+first node is known by its number in them, counted along rows: one comparison tells where it belongs.
 """
 
 import numpy as np
@@ -12,119 +13,161 @@ _BAND_ROWS = 32
 """Of M and b: few enough to stay in cache, many enough that few samples fall between two bands."""
 
 
-@njit(cache=True, inline="always")
-def _corner(position, scale, offset, nodes):  # type: ignore[no-untyped-def]
-    """(first node, fraction) under a sample; −1 where its footprint leaves the map."""
-    at = (float(position) + 0.5) * scale + offset
-    if not (0 <= at <= nodes - 1):  # also refuses NaN
-        return -1, 0.0
-    node = min(int(at), nodes - 2)
-    return node, at - node
+@njit(nogil=True, cache=True, error_model="numpy")
+def place(rank, size, weights, positions, scale, offset, shape, nodes, fractions, spans):  # type: ignore[no-untyped-def]
+    """Find each sample's first node and where it lies between that and the next ones; by a team.
+
+    Args:
+        weights: (N, H, W), 0 = not used; positions: (N, H, W, 2).
+        scale: β; offset: node of a footprint centred on coordinate 0 of the fused grid's edges.
+        shape: rows and columns of nodes.
+        nodes: (N, H, W) int32 ← the node's number in a padded image, −1 = not used.
+        fractions: (2, N, H, W) ← parts of a node by row and by column.
+        spans: (N, H, 2) ← the least and the largest node of each frame row, (all nodes, −1): none.
+    """
+    frames, rows = weights.shape[:2]
+    for line in range(rank * frames * rows // size, (rank + 1) * frames * rows // size):
+        k, i = line // rows, line % rows
+        down, right = fractions[0, k, i], fractions[1, k, i]
+        _place_row(weights[k, i], positions[k, i], scale, offset, shape, nodes[k, i], down, right)
+        spans[k, i, 0], spans[k, i, 1] = _extent(nodes[k, i], (shape[0] + 2) * (shape[1] + 2))
 
 
-@njit(cache=True)
-def ranges(weights, positions, scale, offset, nodes, across):  # type: ignore[no-untyped-def]
-    """(N, H, 2): the least and the largest first node row of each frame row's samples; (nodes, −1): none."""
-    frames, rows, columns = weights.shape
-    out = np.empty((frames, rows, 2), np.int64)
-    for k in range(frames):
-        for i in range(rows):
-            low, high = np.inf, -np.inf
-            for j in range(columns):
-                if weights[k, i, j] != 0:
-                    at = (float(positions[k, i, j, 0]) + 0.5) * scale + offset
-                    beside = (float(positions[k, i, j, 1]) + 0.5) * scale + offset
-                    if 0 <= at <= nodes - 1 and 0 <= beside <= across - 1:
-                        low, high = min(low, at), max(high, at)
-            out[k, i, 0] = min(int(low), nodes - 2) if low <= high else nodes
-            out[k, i, 1] = min(int(high), nodes - 2) if low <= high else -1
-    return out
+@njit(fastmath={"contract"})
+def _place_row(weights, positions, scale, offset, shape, nodes, down, right):  # type: ignore[no-untyped-def]
+    n, nothing, half = weights.size, np.float64(0), np.float64(0.5)
+    last_row, last_column = np.float64(shape[0] - 1), np.float64(shape[1] - 1)
+    width, one, none = np.float64(shape[1] + 2), np.float64(1), np.float64(-1)
+    ws, numbers, downs, rights = weights[:n], nodes[:n], down[:n], right[:n]
+    for j in range(n):
+        u = (np.float64(positions[j, 0]) + half) * scale + offset
+        v = (np.float64(positions[j, 1]) + half) * scale + offset
+        r = min(np.float64(np.int32(u)), last_row - one)
+        s = min(np.float64(np.int32(v)), last_column - one)
+        # A footprint that leaves the map has no node; comparisons also refuse NaN.
+        kept = (ws[j] > 0) & (u >= nothing) & (u <= last_row) & (v >= nothing) & (v <= last_column)
+        downs[j], rights[j] = u - r, v - s
+        numbers[j] = np.int32((r + one) * width + s + one if kept else none)
+
+
+@njit
+def _extent(nodes, none):  # type: ignore[no-untyped-def]
+    """The least and the largest of those from 0 on; (none, −1) where there are none."""
+    low, high = np.int32(none), np.int32(-1)
+    for j in range(nodes.size):
+        low = min(low, nodes[j] if nodes[j] >= 0 else low)
+        high = max(high, nodes[j])
+    return low, high
 
 
 @njit(nogil=True, cache=True)
-def accumulate(  # type: ignore[no-untyped-def]
-    rank, size, values, weights, positions, scale, offset, spans, stencil, right_side
-):
-    """Add frames to M and b.
+def accumulate(rank, size, values, weights, nodes, fractions, spans, stencil, side):  # type: ignore[no-untyped-def]
+    """Add frames to M and b; by a team.
 
     Bands of node rows are filled one by one, which keeps them in cache and gives each band one writer.
 
     Args:
-        values: (C, N, H, W); weights: (N, H, W), 0 = not used, negative takes a frame away again; positions:
-            (N, H, W, 2).
-        scale: β; offset: node of a footprint centred on coordinate 0 of the fused grid's edges.
-        spans: their `ranges`; stencil: (5, …), right_side: (C, …).
+        values: (C, N, H, W); weights: (N, H, W); nodes, fractions, spans: of `place`.
+        stencil: (5, …); side: (C, …).
     """
-    channels, frames, rows, columns = values.shape
-    node_rows, node_columns = stencil.shape[1] - 2, stencil.shape[2] - 2
+    frames, rows = weights.shape[:2]
+    node_rows, width = stencil.shape[1] - 2, stencil.shape[2]
     bands = max(1, node_rows // _BAND_ROWS)
+    m, b = stencil.reshape(5, -1), side.reshape(side.shape[0], -1)
     for band in range(rank * bands // size, (rank + 1) * bands // size):
-        top, end = band * node_rows // bands, (band + 1) * node_rows // bands
+        # Samples whose first node lies in the row above the band still reach it.
+        first = (band * node_rows // bands) * width
+        end = ((band + 1) * node_rows // bands + 1) * width
         for k in range(frames):
             for i in range(rows):
-                if spans[k, i, 1] + 1 < top or spans[k, i, 0] >= end:
-                    continue
-                for j in range(columns):
-                    weight = weights[k, i, j]
-                    if weight == 0:
-                        continue
-                    u, fu = _corner(positions[k, i, j, 0], scale, offset, node_rows)
-                    if u + 1 < top or u >= end:
-                        continue
-                    v, fv = _corner(positions[k, i, j, 1], scale, offset, node_columns)
-                    if u < 0 or v < 0:
-                        continue
-                    a, b = (1 - fu) * (1 - fv), (1 - fu) * fv
-                    c, d = fu * (1 - fv), fu * fv
-                    r, s = u + 1, v + 1
-                    if u >= top:
-                        stencil[0, r, s] += weight * a * a
-                        stencil[0, r, s + 1] += weight * b * b
-                        stencil[1, r, s] += weight * a * b
-                        stencil[2, r, s] += weight * a * c
-                        stencil[2, r, s + 1] += weight * b * d
-                        stencil[3, r, s] += weight * a * d
-                        stencil[4, r, s + 1] += weight * b * c
-                        for channel in range(channels):
-                            value = weight * values[channel, k, i, j]
-                            right_side[channel, r, s] += a * value
-                            right_side[channel, r, s + 1] += b * value
-                    if u + 1 < end:
-                        stencil[0, r + 1, s] += weight * c * c
-                        stencil[0, r + 1, s + 1] += weight * d * d
-                        stencil[1, r + 1, s] += weight * c * d
-                        for channel in range(channels):
-                            value = weight * values[channel, k, i, j]
-                            right_side[channel, r + 1, s] += c * value
-                            right_side[channel, r + 1, s + 1] += d * value
+                if spans[k, i, 1] >= first and spans[k, i, 0] < end:
+                    places = nodes[k, i], fractions[0, k, i], fractions[1, k, i]
+                    _add_row(values[:, k, i], weights[k, i], *places, first, end, width, m, b)
+
+
+@njit
+def _add_row(values, weights, nodes, down, right, first, end, width, stencil, side):  # type: ignore[no-untyped-def]
+    """`accumulate` for one row of a frame and the band from number `first` to `end`; flat images."""
+    one, kind = weights.dtype.type(1), weights.dtype.type
+    m0, m1, m2, m3, m4 = stencil[0], stencil[1], stencil[2], stencil[3], stencil[4]
+    # Unsigned numbers spare Numba's test for negative ones.
+    step, below = np.uintp(1), np.uintp(width)
+    for j in range(weights.size):
+        if not first <= nodes[j] < end:
+            continue
+        n, w, fu, fv = np.uintp(nodes[j]), weights[j], kind(down[j]), kind(right[j])
+        a, b, c, d = (one - fu) * (one - fv), (one - fu) * fv, fu * (one - fv), fu * fv
+        wa, wb = w * a, w * b
+        if nodes[j] >= first + width:
+            m0[n] += wa * a
+            m0[n + step] += wb * b
+            m1[n] += wa * b
+            m2[n] += wa * c
+            m2[n + step] += wb * d
+            m3[n] += wa * d
+            m4[n + step] += wb * c
+            for channel in range(side.shape[0]):
+                value = values[channel, j]
+                side[channel, n] += wa * value
+                side[channel, n + step] += wb * value
+        if nodes[j] < end - width:
+            wc, wd = w * c, w * d
+            m0[n + below] += wc * c
+            m0[n + below + step] += wd * d
+            m1[n + below] += wc * d
+            for channel in range(side.shape[0]):
+                value = values[channel, j]
+                side[channel, n + below] += wc * value
+                side[channel, n + below + step] += wd * value
+
+
+@njit(fastmath={"contract"})
+def _interpolate(blurred, nodes, down, right, out):  # type: ignore[no-untyped-def]
+    """out ← A X of a row of samples, from a flat image of nodes and its width; 0 where none is used."""
+    image, width = blurred
+    one, step, below, kind = out.dtype.type(1), np.uintp(1), np.uintp(width), out.dtype.type
+    for j in range(out.size):
+        n, fu, fv = np.uintp(max(nodes[j], 0)), kind(down[j]), kind(right[j])
+        upper = (one - fv) * image[n] + fv * image[n + step]
+        lower = (one - fv) * image[n + below] + fv * image[n + below + step]
+        out[j] = (one - fu) * upper + fu * lower
+
+
+@njit(fastmath={"contract", "reassoc", "nsz"})
+def _add_sums(values, weights, nodes, model, out):  # type: ignore[no-untyped-def]
+    """out (5,) += the sums of `residuals` over one row of samples."""
+    n, nothing = model.size, model.dtype.type(0)
+    ys, ws, numbers, models = values[:n], weights[:n], nodes[:n], model[:n]
+    total = data = fit = square = rest = nothing
+    for j in range(n):
+        used = numbers[j] >= 0
+        w, y, m = (ws[j] if used else nothing), (ys[j] if used else nothing), models[j]
+        m = m if used else nothing
+        total += w
+        data += w * y
+        fit += w * m
+        square += w * (y - m) * (y - m)
+        rest += w * (y - m) * (y + m)
+    out[0] += total
+    out[1] += data
+    out[2] += fit
+    out[3] += square
+    out[4] += rest
 
 
 @njit(nogil=True, cache=True)
-def residuals(rank, size, values, weights, positions, scale, offset, blurred, sums):  # type: ignore[no-untyped-def]
-    """sums (N · H, C, 5) ← Ω, Ω y, Ω A X, Ω (y − A X)², Ω (y² − (A X)²) by row and channel, in float64.
+def residuals(rank, size, values, weights, nodes, fractions, spans, blurred, sums):  # type: ignore[no-untyped-def]
+    """sums (N · H, C, 5) += Ω, Ω y, Ω A X, Ω (y − A X)², Ω (y² − (A X)²) by row and channel; by a team.
 
-    Args: values (C, N, H, W); blurred (C, nodes + 2, nodes + 2); the others as in `accumulate`.
+    Args: blurred (C, nodes + 2, nodes + 2), B X; the others as in `accumulate`.
     """
     channels, frames, rows, columns = values.shape
-    node_rows, node_columns = blurred.shape[1] - 2, blurred.shape[2] - 2
+    model = np.zeros(columns, blurred.dtype)
     for line in range(rank * frames * rows // size, (rank + 1) * frames * rows // size):
         k, i = line // rows, line % rows
-        for j in range(columns):
-            weight = float(weights[k, i, j])
-            if weight <= 0:
-                continue
-            u, fu = _corner(positions[k, i, j, 0], scale, offset, node_rows)
-            v, fv = _corner(positions[k, i, j, 1], scale, offset, node_columns)
-            if u < 0 or v < 0:
-                continue
-            u, v = u + 1, v + 1
-            for c in range(channels):
-                y, out = float(values[c, k, i, j]), sums[line, c]
-                upper = (1 - fv) * blurred[c, u, v] + fv * blurred[c, u, v + 1]
-                lower = (1 - fv) * blurred[c, u + 1, v] + fv * blurred[c, u + 1, v + 1]
-                model = (1 - fu) * upper + fu * lower
-                out[0] += weight
-                out[1] += weight * y
-                out[2] += weight * model
-                out[3] += weight * (y - model) * (y - model)
-                out[4] += weight * (y - model) * (y + model)
+        if spans[k, i, 1] < 0:
+            continue
+        for c in range(channels):
+            image = blurred[c].reshape(-1), blurred.shape[2]
+            _interpolate(image, nodes[k, i], fractions[0, k, i], fractions[1, k, i], model)
+            _add_sums(values[c, k, i], weights[k, i], nodes[k, i], model, sums[line, c])

@@ -3,6 +3,8 @@
 import numpy as np
 from numba import njit
 
+from solver.kernels.smoothing import across, along, mirrored
+
 _TILE_ROWS = 32
 """Rows walked together: what they need fits the second-level cache."""
 
@@ -22,27 +24,18 @@ def _between(z, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _mirrored(i, n):  # type: ignore[no-untyped-def]
-    """The row that stands for row i beyond the border of n rows, which itself is not repeated."""
-    if n == 1:
-        return 0
-    i = abs(i) % (2 * n - 2)
-    return i if i < n else 2 * n - 2 - i
-
-
-@njit
 def _pad(line, width, n):  # type: ignore[no-untyped-def]
     """Fill `width` entries on either side of the n in the middle with their mirror image."""
     for k in range(1, width + 1):
-        line[width - k] = line[width + _mirrored(k, n)]
-        line[width + n - 1 + k] = line[width + _mirrored(n - 1 + k, n)]
+        line[width - k] = line[width + mirrored(k, n)]
+        line[width + n - 1 + k] = line[width + mirrored(n - 1 + k, n)]
 
 
 @njit(fastmath=True)
 def _add_tensor(image, i, tensor, lines):  # type: ignore[no-untyped-def]
     """Add one channel's structure tensor at row i, of eight times its gradient (Sobel), to tensor (3, n)."""
     rows, n = image.shape
-    above, here, below = image[_mirrored(i - 1, rows)], image[i], image[_mirrored(i + 1, rows)]
+    above, here, below = image[mirrored(i - 1, rows)], image[i], image[mirrored(i + 1, rows)]
     change, total = lines[0, : n + 2], lines[1, : n + 2]
     for j in range(n):
         change[j + 1] = below[j] - above[j]
@@ -55,24 +48,6 @@ def _add_tensor(image, i, tensor, lines):  # type: ignore[no-untyped-def]
         down2[j] += down * down
         right2[j] += right * right
         both[j] += down * right
-
-
-@njit(fastmath=True)
-def _blur(tensors, first, taps, line, out):  # type: ignore[no-untyped-def]
-    """out (columns,) ← Σ_k taps[k] tensors[first + k], then the same along the row."""
-    n, reach = out.size, taps.size // 2
-    middle = line[reach : reach + n]
-    middle[:] = 0
-    for k in range(taps.size):
-        row, tap = tensors[first + k], taps[k]
-        for j in range(n):
-            middle[j] += tap * row[j]
-    _pad(line, reach, n)
-    out[:] = 0
-    for k in range(taps.size):
-        moved, tap = line[k : k + n], taps[k]
-        for j in range(n):
-            out[j] += tap * moved[j]
 
 
 @njit(error_model="numpy")
@@ -108,19 +83,21 @@ def assign(rank, size, z, taps, least, step, contrast, off_line, out):  # type: 
         off_line: distance from the line between P and M, in lengths of it, from which z is no mixture.
     """
     rows, columns = z.shape[1:]
-    tiles, reach = max(1, rows // _TILE_ROWS), taps.size // 2
+    tiles, reach = max(1, rows // _TILE_ROWS), taps.size - 1
     for tile in range(rank * tiles // size, (rank + 1) * tiles // size):
         top, end = tile * rows // tiles, (tile + 1) * rows // tiles
         tensors = np.zeros((3, end - top + 2 * reach, columns), z.dtype)
-        lines, smooth = np.zeros((2, columns + 2 * reach + 2), z.dtype), np.zeros((3, columns), z.dtype)
+        lines, smooth = np.zeros((2, columns + 2), z.dtype), np.zeros((3, columns), z.dtype)
+        line = np.zeros(columns + 2 * reach, z.dtype)
         for r in range(end - top + 2 * reach):
             for c in range(2):
-                _add_tensor(z[c], _mirrored(top - reach + r, rows), tensors[:, r], lines)
+                _add_tensor(z[c], mirrored(top - reach + r, rows), tensors[:, r], lines)
         for i in range(top, end):
             for k in range(3):
-                _blur(tensors[k], i - top, taps, lines[0], smooth[k])
+                across(tensors[k], i - top + reach, len(tensors[k]), taps, line[reach : reach + columns])
+                along(line, taps, smooth[k])
+            out[0, i], out[1, i] = z[0, i], z[1, i]
             for j in range(columns):
-                out[0, i, j], out[1, i, j] = z[0, i, j], z[1, i, j]
                 if smooth[0, j] + smooth[1, j] > least:
                     tensor = (smooth[0, j], smooth[1, j], smooth[2, j])
                     _settle(z, i, j, *tensor, step, contrast, off_line, out)

@@ -1,30 +1,31 @@
 """One walk over the samples for what the noise law and the choice of λ need of them."""
 
+import math
+
 import numpy as np
 from numba import njit
 
 
 @njit(cache=True)
-def thinned(values, others, most):  # type: ignore[no-untyped-def]
-    """The finite values (N, H, W) beside another finite one, evenly thinned to `most` up to twice as many."""
-    frames, rows, columns = values.shape
-    count = 0
-    for k in range(frames):
-        for i in range(rows):
-            for j in range(columns):
-                count += np.isfinite(values[k, i, j]) and np.isfinite(others[k, i, j])
-    step = max(1, count // most)
-    out = np.empty((count + step - 1) // step, values.dtype)
-    number, next_one = 0, 0
-    for k in range(frames):
-        for i in range(rows):
-            for j in range(columns):
-                if np.isfinite(values[k, i, j]) and np.isfinite(others[k, i, j]):
-                    if number == next_one:
-                        out[number // step] = values[k, i, j]
-                        next_one += step
-                    number += 1
-    return out
+def thinned(values, others, least, most):  # type: ignore[no-untyped-def]
+    """About `most` of the finite values (N, H, W) over `least` beside another finite one, or all there are.
+
+    They are looked up at even distances that visit all columns in turn, four times as densely as long as
+    fewer than a quarter of what is wanted turns up.
+    """
+    a, b, columns = values.reshape(-1), others.reshape(-1), values.shape[2]
+    step = max(1, a.size // most)
+    while True:
+        while step > 1 and math.gcd(step, columns) > 1:
+            step -= 1
+        out, count = np.empty((a.size + step - 1) // step, values.dtype), 0
+        for n in range(0, a.size, step):
+            if a[n] > least and np.isfinite(a[n]) and np.isfinite(b[n]):
+                out[count] = a[n]
+                count += 1
+        if step == 1 or 4 * count >= most:
+            return out[:count]
+        step = max(1, step // 4)
 
 
 @njit(cache=True)
@@ -63,74 +64,35 @@ def mixed_differences(distance, inverse, span):  # type: ignore[no-untyped-def]
     return out[:count]
 
 
+@njit(fastmath={"contract", "reassoc", "nsz"})
+def _stand(here, there, own, other, most, sums):  # type: ignore[no-untyped-def]
+    """Add a row's steps that stand out to sums[0], and how many steps there are to sums[1]."""
+    n = there.size
+    a, b, s, t = here[:n], there[:n], own[:n], other[:n]
+    total, count, none, never = np.float32(0), np.float32(0), np.float32(0), np.float32(np.inf)
+    for j in range(n):
+        step, variance = abs(b[j] - a[j]), s[j] * s[j] + t[j] * t[j]
+        known = (step < never) & (variance < never)
+        total += step if known & (step * step > most * variance) else none
+        count += np.float32(1) if known else none
+    sums[0] += total
+    sums[1] += count
+
+
 @njit(cache=True)
 def standing(distance, sigma, picked, most):  # type: ignore[no-untyped-def]
     """(2,): the mean step down and the mean step across of the picked frames of (N, H, W).
 
     Steps between two known samples count, those of at most `most` deviations of themselves as none.
     """
-    rows, columns = distance.shape[1:]
-    sums, counts = np.zeros(2), np.zeros(2)
+    rows, sums, square = distance.shape[1], np.zeros((2, 2)), np.float32(most * most)
     for k in picked:
+        d, s = distance[k], sigma[k]
         for i in range(rows):
-            for j in range(columns):
-                for axis in range(2):
-                    a, b = i + 1 - axis, j + axis
-                    if a == rows or b == columns:
-                        continue
-                    step = abs(distance[k, a, b] - distance[k, i, j])
-                    variance = sigma[k, a, b] ** 2 + sigma[k, i, j] ** 2
-                    if np.isfinite(step) and np.isfinite(variance):
-                        counts[axis] += 1
-                        if step * step > most * most * variance:
-                            sums[axis] += step
-    return sums / np.maximum(counts, 1)
-
-
-@njit(cache=True)
-def middle(values, bits, others):  # type: ignore[no-untyped-def]
-    """The median of the positive float32 values (n,) beside an other that is not NaN; 0 where there is none.
-
-    `bits` are the values as int32, whose order is that of positive values: three counts of ten or eleven bits
-    find the value of a rank without a copy.
-    """
-    table = np.zeros(2048, np.int64)
-    for n in range(values.size):
-        if values[n] > 0 and others[n] == others[n]:
-            table[bits[n] >> 20] += 1
-    count = table.sum()
-    if count == 0:
-        return 0.0
-    rank = (count - 1) // 2
-    prefix, left = _bin(table, rank)
-    for shift in (10, 0):
-        table[:] = 0
-        for n in range(values.size):
-            if bits[n] >> (shift + 10) == prefix and values[n] > 0 and others[n] == others[n]:
-                table[(bits[n] >> shift) & 1023] += 1
-        digit, left = _bin(table, left)
-        prefix = (prefix << 10) | digit
-    low = high = np.float32(0)
-    above, until = np.float32(np.inf), 0
-    for n in range(values.size):
-        if values[n] > 0 and others[n] == others[n]:
-            if bits[n] <= prefix:
-                until += 1
-                low = max(low, values[n])
-            else:
-                above = min(above, values[n])
-    high = low if until > count // 2 else above
-    return 0.5 * (float(low) + float(high))
-
-
-@njit(cache=True)
-def _bin(table, rank):  # type: ignore[no-untyped-def]
-    """The entry that holds a rank, and the rank within it."""
-    for entry in range(table.size):
-        if rank < table[entry]:
-            return entry, rank
-        rank -= table[entry]
-    return table.size, rank
+            if i + 1 < rows:
+                _stand(d[i], d[i + 1], s[i], s[i + 1], square, sums[0])
+            _stand(d[i], d[i, 1:], s[i], s[i, 1:], square, sums[1])
+    return sums[:, 0] / np.maximum(sums[:, 1], 1)
 
 
 @njit(cache=True, error_model="numpy")

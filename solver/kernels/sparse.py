@@ -4,48 +4,56 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True)
-def scatter(values, weights, positions, scale, weight, total):  # type: ignore[no-untyped-def]
+@njit(cache=True, inline="always")
+def _under(position, scale, top, end):  # type: ignore[no-untyped-def]
+    """The row or column under a sample, where it lies from `top` on and before `end`; −1 elsewhere."""
+    at = (np.float64(position) + 0.5) * scale
+    return np.int64(at) if top <= at < end else np.int64(-1)  # also refuses NaN
+
+
+@njit(nogil=True, cache=True)
+def scatter(rank, size, values, weights, positions, scale, weight, total, squares):  # type: ignore[no-untyped-def]
     """Add every sample (N, H, W) to the fused pixel floor((position + ½) · scale) under its centre.
 
-    Samples of weight 0 are not used. Adds Σ w to weight and Σ w d to total; returns Σ w d² in float64. One
-    thread does it: a second one would need sums of its own, and fresh memory costs more than it saves.
+    Samples of weight 0 are not used. Adds Σ w to weight and Σ w d to total, and Σ w d² by row of theirs to
+    squares, in float64. Each thread of a team walks all samples and takes those that fall on its own rows.
     """
     frames, rows, columns = values.shape
-    fine_rows, fine_columns = weight.shape
-    squares = 0.0
+    top, end = rank * weight.shape[0] // size, (rank + 1) * weight.shape[0] // size
     for k in range(frames):
         for i in range(rows):
             for j in range(columns):
-                w = weights[k, i, j]
-                if w <= 0:
+                u = _under(positions[k, i, j, 0], scale, top, end)
+                if u < 0 or not weights[k, i, j] > 0:
                     continue
-                u = (float(positions[k, i, j, 0]) + 0.5) * scale
-                v = (float(positions[k, i, j, 1]) + 0.5) * scale
-                if 0 <= u < fine_rows and 0 <= v < fine_columns:
-                    value = values[k, i, j]
-                    weight[int(u), int(v)] += w
-                    total[int(u), int(v)] += w * value
-                    squares += float(w) * float(value) * float(value)
-    return squares
+                v = _under(positions[k, i, j, 1], scale, 0, weight.shape[1])
+                if v >= 0:
+                    w, value = weights[k, i, j], values[k, i, j]
+                    weight[u, v] += w
+                    total[u, v] += w * value
+                    squares[u] += np.float64(w) * np.float64(value) * np.float64(value)
 
 
-@njit(cache=True, error_model="numpy")
-def scatter_precision(distance, sigma, positions, scale, usual, least, precision):  # type: ignore[no-untyped-def]
+@njit(nogil=True, cache=True, error_model="numpy")
+def scatter_precision(  # type: ignore[no-untyped-def]
+    rank, size, distance, sigma, positions, scale, usual, least, precision
+):
     """Add (usual / σ)², at least `least`, of every sample that is not NaN to the fused pixel under it.
 
     Args: distance, sigma (N, H, W); the others as in `scatter`.
     """
     frames, rows, columns = distance.shape
-    fine_rows, fine_columns = precision.shape
+    top, end = rank * precision.shape[0] // size, (rank + 1) * precision.shape[0] // size
     for k in range(frames):
         for i in range(rows):
             for j in range(columns):
-                u = (float(positions[k, i, j, 0]) + 0.5) * scale
-                v = (float(positions[k, i, j, 1]) + 0.5) * scale
-                if not np.isnan(distance[k, i, j]) and 0 <= u < fine_rows and 0 <= v < fine_columns:
+                u = _under(positions[k, i, j, 0], scale, top, end)
+                if u < 0 or np.isnan(distance[k, i, j]):
+                    continue
+                v = _under(positions[k, i, j, 1], scale, 0, precision.shape[1])
+                if v >= 0:
                     ratio = usual / sigma[k, i, j]
-                    precision[int(u), int(v)] += max(ratio * ratio, least)
+                    precision[u, v] += max(ratio * ratio, least)
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)
@@ -77,21 +85,21 @@ def misfit(rank, size, x, weight, mean, sums):  # type: ignore[no-untyped-def]
         sums[row] = value
 
 
-@njit(cache=True)
-def extremes(distance, sigma, most, positions, low, high):  # type: ignore[no-untyped-def]
+@njit(nogil=True, cache=True)
+def extremes(rank, size, distance, sigma, most, positions, low, high):  # type: ignore[no-untyped-def]
     """Least and largest sample (N, H, W) over each low-resolution pixel, into low and high (H, W).
 
-    Samples that are NaN or deviate by more than `most` are left out.
+    Samples that are NaN or deviate by more than `most` are left out; threads share out rows as in `scatter`.
     """
     frames, rows, columns = distance.shape
+    top, end = rank * rows // size, (rank + 1) * rows // size
     for k in range(frames):
         for i in range(rows):
             for j in range(columns):
-                value = distance[k, i, j]
-                if np.isnan(value) or not sigma[k, i, j] <= most:
+                u = _under(positions[k, i, j, 0], 1.0, top, end)
+                if u < 0 or not sigma[k, i, j] <= most or np.isnan(distance[k, i, j]):
                     continue
-                u = float(positions[k, i, j, 0]) + 0.5
-                v = float(positions[k, i, j, 1]) + 0.5
-                if 0 <= u < rows and 0 <= v < columns:
-                    low[int(u), int(v)] = min(low[int(u), int(v)], value)
-                    high[int(u), int(v)] = max(high[int(u), int(v)], value)
+                v = _under(positions[k, i, j, 1], 1.0, 0, columns)
+                if v >= 0:
+                    low[u, v] = min(low[u, v], distance[k, i, j])
+                    high[u, v] = max(high[u, v], distance[k, i, j])

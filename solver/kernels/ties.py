@@ -13,72 +13,22 @@ from solver.kernels.view import view
 
 
 @njit(fastmath=True)
-def _difference(k, i, x, slope, out):  # type: ignore[no-untyped-def]
-    """out += (G x − s)² of difference k at row i, one channel."""
-    n = out.size
-    down, right = x.dtype.type(ROWS[k]), x.dtype.type(COLUMNS[k])
-    here, there = x[i, 2 : 2 + n], x[i + ROWS[k], 2 + COLUMNS[k] : 2 + COLUMNS[k] + n]
-    fall, run, target = slope[0, i, 2 : 2 + n], slope[1, i, 2 : 2 + n], out[:n]
+def _add_both(own, other, by, out):  # type: ignore[no-untyped-def]
+    n, kind = out.size, out.dtype.type
+    a, b, target = own[:n], other[:n], out[:n]
     for j in range(n):
-        found = here[j] - there[j] + down * fall[j] + right * run[j]
-        target[j] += found * found
-
-
-@njit(nogil=True, fastmath=True, cache=True)
-def differences(rank, threads, x, slope, up, out):  # type: ignore[no-untyped-def]
-    """out (6, rows, columns) ← |G x − s| over all channels, 0 where it leaves the image; by a team.
-
-    Args: x (C, rows + 4, …); slope (C, 2, …); up, the squared weights, as in `kernels.prior`.
-    """
-    rows = out.shape[1]
-    for row in range(rank * rows // threads, (rank + 1) * rows // threads):
-        weights = up[max(0, row + 3 - rows)]
-        for k in range(6):
-            target, weight = out[k, row], weights[k]
-            target[:] = 0
-            for c in range(x.shape[0]):
-                _difference(k, row + 2, x[c], slope[c], target)
-            for j in range(target.size):
-                target[j] = np.sqrt(weight[j] * target[j])
-
-
-@njit(fastmath=True, error_model="numpy")
-def _loosen(size, freed, across, out):  # type: ignore[no-untyped-def]
-    """out = 255 · freed / (1 + (size · across)²)², rounded; one row."""
-    n = size.size
-    s, f, target, one = size[:n], freed[:n], out[:n], size.dtype.type(1)
-    most, half = size.dtype.type(255), size.dtype.type(0.5)
-    for j in range(n):
-        loose = one + (s[j] * across) * (s[j] * across)
-        target[j] = np.uint8(np.int32(most * f[j] / (loose * loose) + half))
+        target[j] += by * (kind(a[j]) + kind(b[j]))
 
 
 @njit(nogil=True, cache=True)
-def level(rank, threads, sizes, freed, across, levels):  # type: ignore[no-untyped-def]
-    """levels ← 255 · freed / (1 + (size · across)²)² where the difference stays inside; by a team.
-
-    Args: sizes (6, rows, columns) of the differences; freed (rows + 4, columns + 4), 1 − ρ.
-    """
-    rows, columns = sizes.shape[1:]
-    for row in range(rank * rows // threads, (rank + 1) * rows // threads):
-        for k in range(6):
-            first, end = max(0, -COLUMNS[k]), columns - max(0, COLUMNS[k])
-            if row + ROWS[k] < rows and first < end:
-                target = levels[k, row + 2, 2 + first : 2 + end]
-                _loosen(sizes[k, row, first:end], freed[row + 2, 2 + first : 2 + end], across, target)
-
-
-@njit(nogil=True, fastmath=True, cache=True)
-def add_diagonal(levels, unit, out):  # type: ignore[no-untyped-def]
-    """out (rows + 4, columns + 4) += the diagonal of Gᵀ t G."""
+def add_diagonal(rank, threads, levels, unit, out):  # type: ignore[no-untyped-def]
+    """out (rows + 4, columns + 4) += the diagonal of Gᵀ t G; by a team (see `kernels.team`)."""
     rows, n = out.shape[0] - 4, out.shape[1] - 4
-    for row in range(rows):
-        i, target = row + 2, out[row + 2, 2 : 2 + n]
+    for i in range(rank * rows // threads + 2, (rank + 1) * rows // threads + 2):
         for k in range(6):
-            down, right, by = ROWS[k], COLUMNS[k], unit[k]
+            down, right = ROWS[k], COLUMNS[k]
             own, other = levels[k, i, 2 : 2 + n], levels[k, i - down, 2 - right : 2 - right + n]
-            for j in range(n):
-                target[j] += by * (out.dtype.type(own[j]) + out.dtype.type(other[j]))
+            _add_both(own, other, unit[k], out[i, 2 : 2 + n])
 
 
 @njit(fastmath=True)
@@ -159,11 +109,11 @@ def _lift_row(k, i, slope, levels, by, out):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, cache=True)
-def lift(slope, levels, unit, out):  # type: ignore[no-untyped-def]
-    """out += −Gᵀ t s, all channels: what the slope adds to `pull`."""
-    channels, rows, n = out.shape[0], out.shape[1] - 4, out.shape[2] - 4
-    for c in range(channels):
-        for i in range(2, rows + 2):
+def lift(rank, threads, slope, levels, unit, out):  # type: ignore[no-untyped-def]
+    """out += −Gᵀ t s, all channels: what the slope adds to `pull`; by a team."""
+    rows, n = out.shape[1] - 4, out.shape[2] - 4
+    for i in range(rank * rows // threads + 2, (rank + 1) * rows // threads + 2):
+        for c in range(out.shape[0]):
             for k in range(6):
                 _lift_row(k, i, slope[c], levels, unit[k], out[c, i, 2 : 2 + n])
 
@@ -184,13 +134,12 @@ def _sum_row(k, i, x, slope, levels, sums):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, cache=True)
-def sums(x, slope, levels, unit):  # type: ignore[no-untyped-def]
-    """(2,) float64: ½ Σ t (G x − s)² and ½ Σ t (s² − (G x)²), all channels."""
-    total, part = np.zeros(2), np.zeros(2)
-    for k in range(6):
-        part[:] = 0
-        for c in range(x.shape[0]):
-            for i in range(2, x.shape[1] - 2):
-                _sum_row(k, i, x[c], slope[c], levels, part)
-        total += 0.5 * float(unit[k]) * part
-    return total
+def sums(rank, threads, x, slope, levels, unit, out):  # type: ignore[no-untyped-def]
+    """out (rows, 2) float64 += ½ Σ t (G x − s)² and ½ Σ t (s² − (G x)²) by row, all channels; by a team."""
+    part, rows = np.zeros(2), out.shape[0]
+    for row in range(rank * rows // threads, (rank + 1) * rows // threads):
+        for k in range(6):
+            part[:] = 0
+            for c in range(x.shape[0]):
+                _sum_row(k, row + 2, x[c], slope[c], levels, part)
+            out[row] += 0.5 * float(unit[k]) * part

@@ -15,7 +15,7 @@ from solver.footprint import AreaTerm
 from solver.memory_gradient import Outcome, cropped
 from solver.noise import relief
 from solver.prior import Prior
-from solver.problem import Exchange, Problem, Solution
+from solver.problem import Problem, Solution
 from solver.result import Progress
 from solver.reweighting import Reweighting, Trail, Unit, minimise_reweighted, resume
 from solver.ties import Tied
@@ -92,11 +92,11 @@ def _run(problem: Problem, trail: Trail | None, progress: Progress | None) -> tu
     )
 
 
-def _resume(problem: Problem, change: Exchange, trail: Trail) -> tuple[Outcome, Trail]:
-    slot = slice(change.slot, change.slot + 1)
+def _resume(problem: Problem, number: int, trail: Trail) -> tuple[Outcome, Trail]:
+    slot = slice(number, number + 1)
     tied = trail.term
     assert isinstance(tied, Tied)
-    tied.data.exchange(change.slot, change.before, *_samples(problem, trail.unit, slot))
+    tied.data.exchange(number, *_samples(problem, trail.unit, slot), problem.positions[slot])
     return resume(tied, Prior(problem.options.neighbourhood), trail, problem.options)
 
 

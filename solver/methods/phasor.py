@@ -57,10 +57,11 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     asked = problem.options.regularization
     strength = max(_AUTO * sigma, _LEAST) if asked == "auto" else float(asked)
     factor, prior = problem.options.upsampling, Prior(problem.options.neighbourhood)
-    change, trail = problem.exchanged, None if initial is None else initial.trail
-    if change is not None and trail is not None and isinstance(trail.term, Tied):
-        slot = slice(change.slot, change.slot + 1)
-        trail.term.data.exchange(change.slot, change.before, *_samples(problem, slot, trail.unit.scale))
+    number, trail = problem.exchanged, None if initial is None else initial.trail
+    if number is not None and trail is not None and isinstance(trail.term, Tied):
+        slot = slice(number, number + 1)
+        samples = _samples(problem, slot, trail.unit.scale)
+        trail.term.data.exchange(number, *samples, problem.positions[slot])
         outcome, trail = resume(trail.term, prior, trail, problem.options)
     else:
         samples = _samples(problem, slice(None), strength * usual)

@@ -101,7 +101,7 @@ def test_the_diagonal_is_that_of_the_operator() -> None:
         one[i, j] = 1
         level = Ties(ties.levels, ties.unit, np.zeros_like(ties.slope))
         diagonal = np.zeros_like(one)
-        kernels.add_diagonal(ties.levels, ties.unit, diagonal)
+        kernels.add_diagonal(0, 1, ties.levels, ties.unit, diagonal)
         assert diagonal[i, j] == pytest.approx(2 * tied_by_hand(one, level))
 
 

@@ -1,0 +1,259 @@
+"""What a map teaches the next pass, by rows: its slope, the weights that the prior keeps, its ties.
+
+All three are averages (`kernels.smoothing`). Rows are made one by one and kept, averaged along, in rings for
+as long as they are needed: images that are only averaged are never stored.
+"""
+
+import numpy as np
+from numba import njit
+
+from solver.kernels.prior import COLUMNS, ROWS
+from solver.kernels.smoothing import across, along, mirrored
+
+_RING = 16
+"""Rows kept, a power of two and more than Gaussians of three taps on a side span."""
+
+
+@njit(fastmath=True)
+def _subtract(a, b, out):  # type: ignore[no-untyped-def]
+    for j in range(out.size):
+        out[j] = a[j] - b[j]
+
+
+@njit(fastmath=True, error_model="numpy")
+def _say(down, right, scale, out):  # type: ignore[no-untyped-def]
+    """out ← 1 / (1 + scale · rises²)², rises (C, n)."""
+    one = out.dtype.type(1)
+    out[:] = 0
+    for c in range(down.shape[0]):
+        a, b = down[c], right[c]
+        for j in range(out.size):
+            out[j] += a[j] * a[j] + b[j] * b[j]
+    for j in range(out.size):
+        part = one + scale * out[j]
+        out[j] = one / (part * part)
+
+
+@njit(fastmath=True)
+def _vote(say, rise, out):  # type: ignore[no-untyped-def]
+    for j in range(out.size):
+        out[j] += say[j] * rise[j]
+
+
+@njit(fastmath=True)
+def _pairs(line, out):  # type: ignore[no-untyped-def]
+    """out ← sums of two neighbours; the last one of an odd number is alone."""
+    for j in range(line.size // 2):
+        out[j] = line[2 * j] + line[2 * j + 1]
+    if line.size % 2:
+        out[line.size // 2] = line[line.size - 1]
+
+
+@njit(nogil=True, cache=True)
+def votes(rank, size, x, scale, taps, out):  # type: ignore[no-untyped-def]
+    """out (1 + 2 C, half rows, half columns) ← each pixel's say, and its rise by row and by column times it.
+
+    Sums over 2 × 2 pixels, averaged along rows; by a team.
+
+    Args:
+        x: (C, rows + 4, columns + 4), padded; the last row and column repeat the rise before them.
+        scale: 1 / edge²; the say is 1 / (1 + scale · rises²)².
+    """
+    channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
+    half_rows, half, reach = out.shape[1], out.shape[2], taps.size - 1
+    down, right = np.zeros((channels, n), x.dtype), np.zeros((channels, n), x.dtype)
+    say, sums, line = (
+        np.zeros(n, x.dtype),
+        np.zeros((out.shape[0], n), x.dtype),
+        np.zeros(half + 2 * reach, x.dtype),
+    )
+    ones = np.ones(n, x.dtype)
+    for pair in range(rank * half_rows // size, (rank + 1) * half_rows // size):
+        sums[:] = 0
+        for row in range(2 * pair, min(2 * pair + 2, rows)):
+            # In an image of one row or column nothing rises along it.
+            i, last = min(row, max(0, rows - 2)), max(n - 1, 1)
+            for c in range(channels):
+                if rows > 1:
+                    _subtract(x[c, i + 3, 2 : 2 + n], x[c, i + 2, 2 : 2 + n], down[c])
+                _subtract(x[c, row + 2, 3 : 2 + n], x[c, row + 2, 2 : 1 + n], right[c, : n - 1])
+                right[c, last:] = right[c, last - 1]
+            _say(down, right, scale, say)
+            _vote(say, ones, sums[0])
+            for c in range(channels):
+                _vote(say, down[c], sums[1 + 2 * c])
+                _vote(say, right[c], sums[2 + 2 * c])
+        for number in range(out.shape[0]):
+            _pairs(sums[number], line[reach : reach + half])
+            along(line, taps, out[number, pair])
+
+
+@njit(fastmath=True)
+def _between(a, b, near, line, out):  # type: ignore[no-untyped-def]
+    """out (n,) ← near · a + (1 − near) · b, half rows, at twice the resolution."""
+    half, far = a.size, a.dtype.type(1) - near
+    middle = line[1 : 1 + half]
+    for j in range(half):
+        middle[j] = near * a[j] + far * b[j]
+    line[0], line[half + 1] = line[1], line[half]
+    most, least = a.dtype.type(0.75), a.dtype.type(0.25)
+    for j in range(out.size // 2):
+        out[2 * j] = most * line[j + 1] + least * line[j]
+        out[2 * j + 1] = most * line[j + 1] + least * line[j + 2]
+    if out.size % 2:
+        out[out.size - 1] = most * line[half] + least * line[half - 1]
+
+
+@njit(fastmath=True, error_model="numpy")
+def _divide(a, b, tiny, out):  # type: ignore[no-untyped-def]
+    for j in range(out.size):
+        out[j] = a[j] / (b[j] + tiny)
+
+
+@njit(nogil=True, cache=True)
+def slopes(rank, size, votes, taps, tiny, out):  # type: ignore[no-untyped-def]
+    """out (C, 2, rows + 4, columns + 4) ← the mean rise by row and by column, 0 in the padding; by a team.
+
+    Args: votes as `votes` leaves them, still to be averaged across rows; tiny: more than no say at all.
+    """
+    channels, rows, n = out.shape[0], out.shape[2] - 4, out.shape[3] - 4
+    images, half_rows, half = votes.shape
+    kind = votes.dtype.type
+    near = np.zeros((2, images, half), votes.dtype)
+    line, total, vote = np.zeros(half + 2, votes.dtype), np.zeros(n, votes.dtype), np.zeros(n, votes.dtype)
+    top, end = rank * half_rows // size, (rank + 1) * half_rows // size
+    ready = top - 2
+    for row in range(2 * top, min(2 * end, rows)):
+        # Half rows lie between pairs of rows: row i at ½ i − ¼.
+        first = (row + 1) // 2 - 1
+        while ready < first + 1:
+            ready += 1
+            for number in range(images):
+                across(
+                    votes[number],
+                    min(max(ready, 0), half_rows - 1),
+                    -half_rows,
+                    taps,
+                    near[ready % 2, number],
+                )
+        share = kind(0.75) if row % 2 else kind(0.25)
+        upper, lower = near[first % 2], near[(first + 1) % 2]
+        _between(upper[0], lower[0], share, line, total)
+        for c in range(channels):
+            for axis in range(2):
+                target = out[c, axis, row + 2]
+                _between(upper[1 + 2 * c + axis], lower[1 + 2 * c + axis], share, line, vote)
+                _divide(vote, total, tiny, target[2 : 2 + n])
+                target[:2] = 0
+                target[2 + n :] = 0
+    for c in range(channels):
+        for axis in range(2):
+            if rank == 0:
+                out[c, axis, :2] = 0
+            if rank == size - 1:
+                out[c, axis, rows + 2 :] = 0
+
+
+@njit(fastmath=True, error_model="numpy")
+def _keep(rough, scale, gain, radius, freed):  # type: ignore[no-untyped-def]
+    one = rough.dtype.type(1)
+    for j in range(rough.size):
+        part = rough[j] * scale
+        kept = one / (one + part * part)
+        radius[j] = gain * kept
+        freed[j] = one - kept
+
+
+@njit(nogil=True, cache=True)
+def keep(rank, size, norms, taps, scale, gain, radius, freed):  # type: ignore[no-untyped-def]
+    """radius ← gain · ρ, freed ← 1 − ρ with ρ = 1 / (1 + (scale · mean norm)²); by a team.
+
+    Args: norms, radius, freed (rows + 4, columns + 4), padded; paddings of the last two are left alone.
+    """
+    rows, n, reach = norms.shape[0] - 4, norms.shape[1] - 4, taps.size - 1
+    ring, line, rough = (
+        np.zeros((_RING, n), norms.dtype),
+        np.zeros(n + 2 * reach, norms.dtype),
+        np.zeros(n, norms.dtype),
+    )
+    top, end = rank * rows // size, (rank + 1) * rows // size
+    for row in range(top - reach, end + reach):
+        line[reach : reach + n] = norms[mirrored(row, rows) + 2, 2 : 2 + n]
+        along(line, taps, ring[row % _RING])
+        i = row - reach
+        if i >= top:
+            across(ring, i, _RING, taps, rough)
+            _keep(rough, scale, gain, radius[i + 2, 2 : 2 + n], freed[i + 2, 2 : 2 + n])
+
+
+@njit(fastmath=True)
+def _add_difference(k, i, x, slope, out):  # type: ignore[no-untyped-def]
+    """out += (G x − s)² of difference k at row i, one channel."""
+    n = out.size
+    down, right = x.dtype.type(ROWS[k]), x.dtype.type(COLUMNS[k])
+    here, there = x[i, 2 : 2 + n], x[i + ROWS[k], 2 + COLUMNS[k] : 2 + COLUMNS[k] + n]
+    fall, run, target = slope[0, i, 2 : 2 + n], slope[1, i, 2 : 2 + n], out[:n]
+    for j in range(n):
+        found = here[j] - there[j] + down * fall[j] + right * run[j]
+        target[j] += found * found
+
+
+@njit(fastmath=True)
+def _size(weight, line):  # type: ignore[no-untyped-def]
+    for j in range(line.size):
+        line[j] = np.sqrt(weight[j] * line[j])
+
+
+@njit(fastmath=True, error_model="numpy")
+def _loosen(mean, freed, inverse, out):  # type: ignore[no-untyped-def]
+    """out = 255 · freed / (1 + (mean · inverse)²)², rounded; one row."""
+    n = mean.size
+    s, f, target, one = mean[:n], freed[:n], out[:n], mean.dtype.type(1)
+    most, half = mean.dtype.type(255), mean.dtype.type(0.5)
+    for j in range(n):
+        loose = one + (s[j] * inverse) * (s[j] * inverse)
+        target[j] = np.uint8(np.int32(most * f[j] / (loose * loose) + half))
+
+
+@njit(nogil=True, cache=True)
+def tie(rank, size, x, slope, up, taps, freed, inverse, levels):  # type: ignore[no-untyped-def]
+    """levels ← 255 · freed / (1 + (inverse · mean |G x − s|)²)²; by a team.
+
+    Args:
+        x (C, rows + 4, …); slope (C, 2, …); up, the squared weights, as in `kernels.prior`.
+        freed: (rows + 4, columns + 4), 1 − ρ.
+        levels: (6, rows + 4, columns + 4), 0 where the difference leaves the image.
+    """
+    rows, n, reach = x.shape[1] - 4, x.shape[2] - 4, taps.size - 1
+    rings, line, mean = (
+        np.zeros((6, _RING, n), x.dtype),
+        np.zeros(n + 2 * reach, x.dtype),
+        np.zeros(n, x.dtype),
+    )
+    top, end = rank * rows // size, (rank + 1) * rows // size
+    for row in range(top - reach, end + reach):
+        source, i, own = mirrored(row, rows), row - reach, line[reach : reach + n]
+        weights = up[max(0, source + 3 - rows)]
+        for k in range(6):
+            own[:] = 0
+            for c in range(x.shape[0]):
+                _add_difference(k, source + 2, x[c], slope[c], own)
+            _size(weights[k], own)
+            along(line, taps, rings[k, row % _RING])
+            if i >= top:
+                target, first = levels[k, i + 2], min(max(0, -COLUMNS[k]), n)
+                last = max(first, n - max(0, COLUMNS[k])) if i + ROWS[k] < rows else first
+                across(rings[k], i, _RING, taps, mean)
+                _loosen(
+                    mean[first:last],
+                    freed[i + 2, 2 + first : 2 + last],
+                    inverse,
+                    target[2 + first : 2 + last],
+                )
+                target[: 2 + first] = 0
+                target[2 + last :] = 0
+    for k in range(6):
+        if rank == 0:
+            levels[k, :2] = 0
+        if rank == size - 1:
+            levels[k, rows + 2 :] = 0
