@@ -19,20 +19,18 @@ def conjugate_gradients(
     *,
     steps: int,
     tolerance: float = 0.0,
-    scratch: Image | None = None,
 ) -> tuple[Image, int]:
     """Solve stencil · image = right for every channel of (C, rows, columns), preconditioned by the diagonal.
 
     Args:
         steps: the most steps taken.
         tolerance: stop where the residual has fallen to this part of `right`, in the preconditioner's norm.
-        scratch: (3, C, rows, columns) to be overwritten, for who solves again and again.
 
     Returns:
         the image and the number of steps taken.
     """
     image = start.copy()
-    residual, product, direction = np.empty((3, *start.shape), np.float32) if scratch is None else scratch
+    residual, product, direction = np.empty((3, *start.shape), np.float32)
     _multiply(stencil, image, residual)
     np.subtract(right, residual, out=residual)
     direction[:] = 0

@@ -277,3 +277,19 @@ def test_a_long_track_does_not_drift():
         ]
         rounds.append(np.mean(found - trial.shifts, axis=0))
     assert np.abs(rounds[-1] - rounds[0]).max() < 0.015
+
+
+def test_a_track_is_the_same_with_any_number_of_threads():
+    trial = make_trial(lantern(), variance=0.7, seed=2)
+    threads, found = numba.get_num_threads(), []
+    try:
+        for count in (1, numba.config.NUMBA_NUM_THREADS):
+            numba.set_num_threads(count)
+            track = Track(5)
+            for frame, shift in zip(trial.distance[:4], trial.shifts, strict=False):
+                track.add(frame, None, shift)
+            found.append([track.follow(frame, None, np.zeros(2)) for frame in trial.distance[4:]])
+    finally:
+        numba.set_num_threads(threads)
+    np.testing.assert_allclose(found[0], found[1], atol=1e-6)
+    assert np.abs(found[0] - trial.shifts[4:]).max() < 0.06
