@@ -10,7 +10,7 @@ from solver.kernels.prior import RUNS, add_squares, run, stiffen, weights_at
 from solver.kernels.view import view
 
 _IN_ORDER = {"contract", "nnan", "ninf", "nsz"}
-"""Free to reorder, the compiler makes one chain of a sum, in which every addition waits for the one before."""
+"""Free to reorder, the compiler makes one chain of a sum, in which each addition waits for the one before."""
 
 
 @njit(fastmath=_IN_ORDER)
