@@ -109,7 +109,11 @@ class Outcome:
 
 def start(initial: Image) -> State:
     """A state at the map (C, rows, columns)."""
-    x = padded(initial)
+    return start_at(padded(initial))
+
+
+def start_at(x: Image) -> State:
+    """A state at the padded map, its prior neither weighted nor tilted."""
     return State(x, np.ones_like(x[0]), level(x))
 
 

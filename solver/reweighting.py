@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from solver.kernels import learning as kernels
 from solver.kernels import team
 from solver.kernels.smoothing import gaussian
-from solver.memory_gradient import Outcome, State, Term, minimise, start
+from solver.memory_gradient import Outcome, State, Term, minimise, start, start_at
 from solver.options import FusionOptions
-from solver.prior import Prior, level
+from solver.prior import Prior
 from solver.result import Progress
 from solver.slope import slope
 from solver.ties import Ties
@@ -32,6 +32,9 @@ _AROUND = 0.7
 
 _TAPS = 3
 """To either side: 4 deviations."""
+
+_SELDOM = 5
+"""Maps of a stream between two of which an earlier pass goes on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,26 +69,29 @@ class Unit:
     offset: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Trail:
     """Where the passes of a run ended, from which the next run on about the same data starts.
 
     Attributes:
         unit: of the states.
-        states: by pass.
-        term: the data term of the last pass.
+        plan: of the passes.
+        states, terms: by pass.
+        turns: how often it has been resumed.
     """
 
     unit: Unit
-    states: tuple[State, ...]
-    term: Term
+    plan: Reweighting | None
+    states: list[State]
+    terms: list[Term]
+    turns: int = 0
 
     def start(self, turn: int, unit: Unit) -> State:
         """The end of a pass as a start without weights, in another unit."""
         state, kind = self.states[turn], self.states[turn].x.dtype.type
         x = state.x * kind(self.unit.scale / unit.scale)
         x += kind((self.unit.offset - unit.offset) / unit.scale)
-        return State(x, np.ones_like(x[0]), level(x), state.epsilon)
+        return replace(start_at(x), epsilon=state.epsilon)
 
 
 def minimise_reweighted(
@@ -105,16 +111,14 @@ def minimise_reweighted(
     units of λ, or from the `trail` of a run before, whose outcome is not certified: its gap is NaN.
     """
     state = start(first()) if trail is None else trail.start(0, unit)
-    done, ends = 0, []
+    ends, done = Trail(unit, plan, [state], [term]), 0
     passes, early = (0, 0.0) if plan is None else (plan.passes, plan.tolerance)
     for turn in range(passes + 1):
         last = turn == passes
-        if turn and trail is not None:
-            state = replace(trail.start(turn, unit), radius=state.radius, slope=state.slope)
         outcome = minimise(
-            term,
+            ends.terms[turn],
             prior,
-            state,
+            ends.states[turn],
             tolerance=options.tolerance if last else max(options.tolerance, early),
             limit=max(1, options.max_iterations - done),
             scale=unit.scale**2,
@@ -122,39 +126,43 @@ def minimise_reweighted(
             certify=last and trail is None,
         )
         done += outcome.iterations
-        ends.append(state if last else replace(state, x=state.x.copy()))
         if plan is not None and not last:
-            term = _learn(prior, state, plan)
-    return replace(outcome, iterations=done), Trail(unit, tuple(ends), term)
+            before = ends.states[turn]
+            state = start_at(before.x.copy()) if trail is None else trail.start(turn + 1, unit)
+            ends.states.append(state)
+            ends.terms.append(_learn(prior, before, plan, state))
+    return replace(outcome, iterations=done), ends
 
 
-def resume(term: Term, prior: Prior, trail: Trail, options: FusionOptions) -> tuple[Outcome, Trail]:
-    """Run the last pass alone, on data of which a small part has changed; its gap is NaN.
+def resume(trail: Trail, prior: Prior, options: FusionOptions) -> Outcome:
+    """Go on with the last pass, on data of which a small part has changed; its gap is NaN.
 
-    Weights, slope and ties stay: what one frame of many adds to them is not seen. So near the minimum, three
-    iterations mostly do.
+    Near the minimum, three iterations mostly do. Every few times an earlier pass goes on too, each in its
+    turn, and the weights that it teaches change: in between, what a frame adds to them is not seen.
     """
-    state = trail.states[-1]
+    trail.turns += 1
+    plan, done = trail.plan, 0
+    if plan is not None and trail.turns % _SELDOM == 0:
+        turn = trail.turns // _SELDOM % plan.passes
+        done = _go_on(trail, turn, prior, max(options.tolerance, plan.tolerance), options).iterations
+        trail.terms[turn + 1] = _learn(prior, trail.states[turn], plan, trail.states[turn + 1])
+    outcome = _go_on(trail, len(trail.states) - 1, prior, options.tolerance, options)
+    return replace(outcome, iterations=done + outcome.iterations)
+
+
+def _go_on(trail: Trail, turn: int, prior: Prior, tolerance: float, options: FusionOptions) -> Outcome:
+    state = trail.states[turn]
     state.fit = None
-    outcome = minimise(
-        term,
-        prior,
-        state,
-        tolerance=options.tolerance,
-        limit=options.max_iterations,
-        certify=False,
-        span=1,
-    )
-    return outcome, replace(trail, term=term)
+    limit = options.max_iterations
+    return minimise(trail.terms[turn], prior, state, tolerance=tolerance, limit=limit, certify=False, span=1)
 
 
-def _learn(prior: Prior, state: State, plan: Reweighting) -> Term:
-    """Give the state the next pass's weights and slope, and the data term ties along the edges."""
+def _learn(prior: Prior, state: State, plan: Reweighting, following: State) -> Term:
+    """Give the next pass's state its weights and slope, and the data term ties along the edges."""
     kind = state.x.dtype.type
-    state.slope = slope(state.x, plan.edge)
-    norms, freed = prior.norms(state.x, state.slope), np.zeros_like(state.radius)
+    following.slope = slope(state.x, plan.edge)
+    norms, freed = prior.norms(state.x, following.slope), np.zeros_like(state.radius)
     taps = gaussian(_AROUND, _TAPS).astype(state.x.dtype)
-    team.share(kernels.keep, norms, taps, kind(1 / plan.epsilon), kind(plan.gain), state.radius, freed)
-    ties = Ties.along_edges(state.x, state.slope, prior, freed, plan.tie, plan.across)
-    state.epsilon, state.fit = 0.0, None
+    team.share(kernels.keep, norms, taps, kind(1 / plan.epsilon), kind(plan.gain), following.radius, freed)
+    ties = Ties.along_edges(state.x, following.slope, prior, freed, plan.tie, plan.across)
     return plan.tied(ties)

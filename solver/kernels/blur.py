@@ -48,16 +48,9 @@ def _couple(c, i, blurred, stencil, out):  # type: ignore[no-untyped-def]
     """out = M y at node row i, y of channel c in a ring of three rows with a zero on either side."""
     n, here, up = out.size, i + 1, i
     last, now, after = (c, (i + 2) % 3), (c, i % 3), (c, (i + 1) % 3)
-    c0, cr, cl = (
-        view(stencil, (0, here), 1, n),
-        view(stencil, (1, here), 1, n),
-        view(stencil, (1, here), 0, n),
-    )
-    cd, ca, cb = (
-        view(stencil, (2, here), 1, n),
-        view(stencil, (3, here), 1, n),
-        view(stencil, (4, here), 1, n),
-    )
+    c0, cd = view(stencil, (0, here), 1, n), view(stencil, (2, here), 1, n)
+    cr, cl = view(stencil, (1, here), 1, n), view(stencil, (1, here), 0, n)
+    ca, cb = view(stencil, (3, here), 1, n), view(stencil, (4, here), 1, n)
     du, dua, dub = view(stencil, (2, up), 1, n), view(stencil, (3, up), 0, n), view(stencil, (4, up), 2, n)
     yl, yc, yr = view(blurred, now, 0, n), view(blurred, now, 1, n), view(blurred, now, 2, n)
     al, ac, ar = view(blurred, last, 0, n), view(blurred, last, 1, n), view(blurred, last, 2, n)
@@ -84,12 +77,9 @@ def _clear(out):  # type: ignore[no-untyped-def]
 def rings(channels, columns, taps, size):  # type: ignore[no-untyped-def]
     """What `apply` keeps from one call to the next: rows on their way, for a map of so many columns."""
     padded, nodes = taps.size, columns - size + 1
-    along, blurred = (
-        np.zeros((channels, padded, nodes), taps.dtype),
-        np.zeros((channels, 3, nodes + 2), taps.dtype),
-    )
-    width = columns + 2 * padded
-    return along, blurred, np.zeros((channels, padded, width), taps.dtype), np.zeros(width, taps.dtype)
+    kind, width = taps.dtype, columns + 2 * padded
+    along, blurred = np.zeros((channels, padded, nodes), kind), np.zeros((channels, 3, nodes + 2), kind)
+    return along, blurred, np.zeros((channels, padded, width), kind), np.zeros(width, kind)
 
 
 @njit(fastmath=True)

@@ -34,7 +34,7 @@ def run(t, n):  # type: ignore[no-untyped-def]
 def weights_at(up, kind, column):  # type: ignore[no-untyped-def]
     """The six weights of a column in the table `kind`, that of a row."""
     near = up[kind, 0, column], up[kind, 1, column], up[kind, 2, column]
-    return near + (up[kind, 3, column], up[kind, 4, column], up[kind, 5, column])
+    return (*near, up[kind, 3, column], up[kind, 4, column], up[kind, 5, column])
 
 
 @njit(fastmath=True, error_model="numpy")

@@ -93,7 +93,7 @@ def _advance_row(a, b, direction, step, to):  # type: ignore[no-untyped-def]
 
 @njit
 def add_move(top, end, by, direction, step, to):  # type: ignore[no-untyped-def]
-    """step ← a · direction + b · step, (a, b) = by, which is added to `to`, in rows top to end; all (C, …)."""
+    """step ← a · direction + b · step, (a, b) = by, which is added to `to`; rows top to end of (C, …)."""
     n = to.shape[2] - 4
     for i in range(top + 2, end + 2):
         for c in range(to.shape[0]):

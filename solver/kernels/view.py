@@ -1,17 +1,18 @@
 """Rows of images as kernels walk them, at the price of one address.
 
-A slice of Numba's checks its bounds, wraps negative indices and counts references, with an atomic addition each
-time: measured, the slices of a row cost as much as a hundred of its pixels. A view does none of it, so it must
-lie within the image's memory, and must not outlive the function that makes it.
+A slice of Numba's checks its bounds, wraps negative indices and counts references, with an atomic addition
+each time. A view does none of it, so it must lie within the image's memory, and must not outlive the function
+that makes it.
 """
 
-from numba import njit, types
+from typing import Any
+
+from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
 
-@intrinsic
-def view(_, image, row, first, n):  # type: ignore[no-untyped-def]  # noqa: ARG001
+def _view(_, image, row, first, n):  # type: ignore[no-untyped-def]  # noqa: ARG001
     """The n elements from image[(*row, first)] on, one after another in memory; image is C-contiguous.
 
     Args:
@@ -20,9 +21,9 @@ def view(_, image, row, first, n):  # type: ignore[no-untyped-def]  # noqa: ARG0
     """
     kind = types.Array(image.dtype, 1, "C")
 
-    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+    def generate(context, builder, _, arguments):  # type: ignore[no-untyped-def]
         source = context.make_array(image)(context, builder, arguments[0])
-        indices = [*cgutils.unpack_tuple(builder, arguments[1]), arguments[2]]
+        indices = [*cgutils.unpack_tuple(builder, arguments[1]), arguments[2]]  # type: ignore[no-untyped-call]
         place = cgutils.get_item_pointer(  # type: ignore[no-untyped-call]
             context, builder, image, source, indices, wraparound=False
         )
@@ -38,8 +39,4 @@ def view(_, image, row, first, n):  # type: ignore[no-untyped-def]  # noqa: ARG0
     return kind(image, row, types.intp, types.intp), generate
 
 
-@njit
-def copy(source, out):  # type: ignore[no-untyped-def]
-    """out ← source."""
-    for j in range(out.size):
-        out[j] = source[j]
+view: Any = intrinsic(_view)

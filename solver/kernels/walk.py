@@ -1,12 +1,13 @@
 """One walk over the map does a whole iteration, so that what it needs is fetched from memory once.
 
-The walk goes row by row. Each row is moved by the step that the last walk has found; `REACH` rows behind it the
-next direction is found; and as many rows behind that as the operators reach, how the objective bends along both.
-Of a team, each thread walks its part of the rows. The rows that its neighbours read too it moves before they
-all walk, and those where it reads its neighbours' directions it leaves until all have walked.
+The walk goes row by row. Each row is moved by the step that the last walk has found; `REACH` rows behind it
+the next direction is found; and as many rows behind that as the operators reach, how the objective bends
+along both. Of a team, each thread walks its part of the rows. The rows that its neighbours read too it moves
+before they all walk, and those where it reads its neighbours' directions it leaves until all have walked.
 
-Arrays that go together come in tuples: the `map` is (x, slope, radius), `operators` are (up, weights, curvature,
-footprint, ties), and `work` is (data, step, direction, curved, curved_step, stiffness), see `iteration`.
+Arrays that go together come in tuples: the `map` is (x, slope, radius), `operators` are (up, weights,
+curvature, footprint, ties), and `work` is (data, step, direction, curved, curved_step, stiffness), see
+`iteration`.
 """
 
 import numpy as np
@@ -16,7 +17,7 @@ from solver.kernels.blur import apply, rings
 from solver.kernels.direction import descend, scratch
 from solver.kernels.step import add_move, bend
 from solver.kernels.ties import pull
-from solver.kernels.view import copy, view
+from solver.kernels.view import view
 
 REACH = 2
 """Rows that the prior reaches."""
@@ -27,7 +28,7 @@ DESCENT, BENDS = 6, 5
 
 @njit
 def part(rank, size, rows, reach):  # type: ignore[no-untyped-def]
-    """(top, low, high, end): a thread's rows, and those of them from which `reach` rows on are its own too."""
+    """(top, low, high, end): a thread's rows, and those from which `reach` rows on are its own too."""
     top, end = rank * rows // size, (rank + 1) * rows // size
     low = top if rank == 0 else min(top + reach, end)
     return top, low, end if rank == size - 1 else max(end - reach, low), end
@@ -95,7 +96,7 @@ def walk(rows, ahead, by, epsilon, map, operators, work, kept, sums):  # type: i
     top, low, high, end = rows
     x, slope, radius = map
     data, step, direction, _, _, stiffness = work
-    up, weights, curvature, (stencil, _, _, size), _ = operators
+    up, weights, curvature, (stencil, _, _, _), _ = operators
     diagonal, n, none = stencil.shape[1] == 0, x.shape[2] - 4, np.zeros(DESCENT)
     reach = reach_of(operators)
     lines = scratch(n, reach + 1, up.dtype)
@@ -111,12 +112,12 @@ def walk(rows, ahead, by, epsilon, map, operators, work, kept, sums):  # type: i
                 direction, out
             )  # fmt: skip
             if counts and not low <= row < high:
-                copy(view(lines[0], (row % (reach + 1),), 0, n + 4), view(stiffness, (row,), 0, n + 4))
+                stiffness[row] = lines[0][row % (reach + 1)]
         if low <= last < high:
             bends(last, last + 1, last > low, operators, work, lines[0], kept, sums)
 
 
 @njit
 def reach_of(operators):  # type: ignore[no-untyped-def]
-    """Rows that the operators reach: the footprint's blur, its coupling of nodes and its blur back, or the prior."""
+    """Rows that the operators reach: the footprint and the coupling of its nodes, or the prior."""
     return max(REACH, operators[3][3])

@@ -94,10 +94,10 @@ def _run(problem: Problem, trail: Trail | None, progress: Progress | None) -> tu
 
 def _resume(problem: Problem, number: int, trail: Trail) -> tuple[Outcome, Trail]:
     slot = slice(number, number + 1)
-    tied = trail.term
-    assert isinstance(tied, Tied)
-    tied.data.exchange(number, *_samples(problem, trail.unit, slot), problem.positions[slot])
-    return resume(tied, Prior(problem.options.neighbourhood), trail, problem.options)
+    term = trail.terms[0]
+    assert isinstance(term, AreaTerm)
+    term.exchange(number, *_samples(problem, trail.unit, slot), problem.positions[slot])
+    return resume(trail, Prior(problem.options.neighbourhood), problem.options), trail
 
 
 def _samples(problem: Problem, unit: Unit, frames: slice) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -37,7 +37,8 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     term = SparseTerm(samples.weight, mean, samples.constant / strength**2)
     prior = Prior(problem.options.neighbourhood)
     if going_on is not None:
-        outcome, trail = resume(term, prior, going_on, problem.options)
+        going_on.terms = [term]
+        outcome = resume(going_on, prior, problem.options)
     else:
         outcome, trail = minimise_reweighted(
             term,

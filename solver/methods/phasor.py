@@ -58,11 +58,11 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     strength = max(_AUTO * sigma, _LEAST) if asked == "auto" else float(asked)
     factor, prior = problem.options.upsampling, Prior(problem.options.neighbourhood)
     number, trail = problem.exchanged, None if initial is None else initial.trail
-    if number is not None and trail is not None and isinstance(trail.term, Tied):
+    if number is not None and trail is not None and isinstance(trail.terms[0], AreaTerm):
         slot = slice(number, number + 1)
         samples = _samples(problem, slot, trail.unit.scale)
-        trail.term.data.exchange(number, *samples, problem.positions[slot])
-        outcome, trail = resume(trail.term, prior, trail, problem.options)
+        trail.terms[0].exchange(number, *samples, problem.positions[slot])
+        outcome = resume(trail, prior, problem.options)
     else:
         samples = _samples(problem, slice(None), strength * usual)
         term = AreaTerm(*samples, problem.positions, factor, problem.options.footprint)
