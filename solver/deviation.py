@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.kernels import deviation as kernels
-from solver.kernels import sparse, team
+from solver.kernels import team
 from solver.problem import Problem, Solution
 
 _LEVEL, _SLOPED = (0.33, 0.14, 0.21), {"area": (0.18, 0.03, 0.03), "phasor": (0.17, 0.03, 0.08)}
@@ -25,34 +25,15 @@ _LEAST = 0.01
 """Samples that stand for none: blurred rounding errors are no samples."""
 
 
-def sample_precision(problem: Problem) -> NDArray[np.float32]:
-    """(βH, βW): Σ 1 / σ² of the samples on each fused pixel, relative to the usual sample's; 0 = none."""
-    precision = np.zeros(problem.fused_shape, np.float32)
-    noisy = bool(problem.noise)
-    team.share(
-        sparse.scatter_precision,
-        problem.distance,
-        problem.sigma if noisy else np.ones_like(problem.sigma),
-        problem.positions,
-        float(problem.options.upsampling),
-        np.float32(problem.usual_deviation if noisy else 1.0),
-        np.finfo(np.float32).tiny,
-        precision,
-    )
-    return precision
-
-
 def deviation(
     problem: Problem,
     solution: Solution,
-    precision: NDArray[np.float32],
     away: NDArray[np.float32],
     distance: NDArray[np.float32],
 ) -> NDArray[np.float32]:
     """(βH, βW) for a filled map; doubled with each low-resolution pixel that the nearest sample is away.
 
     Args:
-        precision: see `sample_precision`.
         away: in fused pixels. NaN, in the distance too, further than `fill` low-resolution pixels away.
     """
     factor = problem.options.upsampling
@@ -66,7 +47,7 @@ def deviation(
     team.share(
         kernels.combine,
         distance,
-        precision,
+        problem.precision,
         factor,
         np.float32(smoothing * usual / np.sqrt(each)),
         np.float32(_LEAST / each),

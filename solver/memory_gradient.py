@@ -96,11 +96,61 @@ class Term(Protocol):
         ...
 
 
+class Memory:
+    """What an iteration leaves to the next one: above all the last step."""
+
+    def __init__(self, x: Image, diagonal: bool) -> None:
+        """For a map like x; `diagonal` as the data term's operator."""
+        none = np.zeros((len(x), 0, 0), x.dtype)
+        self._step, self._direction = _zeros(x), _zeros(x)
+        # The data term's gradient, and the operator's products with direction and step.
+        self._gradient, self._curved, self._curved_step = (
+            (none, none, none) if diagonal else (_zeros(x), _zeros(x), _zeros(x))
+        )
+        self._stiffness = np.zeros((x.shape[1] - 2 * PAD, x.shape[2]), x.dtype)
+        self._sums = np.zeros((x.shape[1] - 2 * PAD, 11))
+        self._bent = 0.0
+
+    def iterate(
+        self,
+        term: Term,
+        prior: Prior,
+        state: State,
+        numbers: NDArray[np.float64],
+        history: NDArray[np.float64],
+        rule: tuple[float, float, float, float, int, int],
+    ) -> None:
+        """Fill `history`, or stop where the objective has settled; see `solver.kernels.iteration`.
+
+        The step's product with the operator is taken from before, also where a small part of the data has
+        changed since.
+        """
+        x, operator, none = state.x, term.operator(), self._curved[:, :0, :0]
+        footprint: Any = operator.footprint or (none, none, np.zeros(0, x.dtype), 0)
+        ties = operator.ties or (np.zeros((6, 0, 0), np.uint8), np.zeros(0, x.dtype), none)
+        weights = (prior.tables(x), prior.weights.astype(x.dtype) ** 2, term.curvature)
+        data = self._gradient if operator.mean is None else operator.mean
+        steps = (self._step, self._direction, self._curved, self._curved_step)
+        numbers[loop.BENT] = self._bent
+        team.run(
+            loop.iterate,
+            (x, state.slope, state.radius),
+            (*weights, footprint, ties),
+            (data, *steps, self._stiffness),
+            self._sums,
+            rule,
+            numbers,
+            history,
+        )
+        self._bent = float(numbers[loop.BENT])
+
+
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """The state reached, with iterations, objective, relative gap and whether the rule was met."""
 
     state: State
+    memory: Memory
     iterations: int
     objective: float
     gap: float
@@ -143,6 +193,7 @@ def minimise(
     certify: bool = True,
     rounding: float | None = None,
     span: int = 3,
+    memory: Memory | None = None,
 ) -> Outcome:
     """Run until the objective has settled.
 
@@ -156,16 +207,19 @@ def minimise(
             unless given. Duals settle much sooner at a fixed ε, so for a small gap give more.
         span: the least number of iterations over which a fall of the objective is measured; a start near the
             minimum needs no more than one.
+        memory: of a run before that ended at this state, on about the same data.
     """
     hide = _ROUNDING * tolerance if rounding is None else rounding
-    descent = _Descent(term, prior, state)
+    memory = memory or Memory(state.x, diagonal=term.operator().footprint is None)
     fit = term.value(state.x) if state.fit is None else state.fit
     epsilon = state.epsilon or _first_epsilon(prior.norms(state.x, state.slope))
     numbers = np.array([epsilon, fit, 0.0, 0.0, 0.0])
     history, settled = np.zeros(0), False
     while len(history) < limit and not settled:
         history = np.append(history, np.zeros(min(_BOUT, limit - len(history))))
-        descent.iterate(numbers, history, (tolerance, hide, _FALL, _PATIENCE, _REFRESH, span))
+        memory.iterate(
+            term, prior, state, numbers, history, (tolerance, hide, _FALL, _PATIENCE, _REFRESH, span)
+        )
         count, settled = int(numbers[loop.DONE]), bool(numbers[loop.SETTLED])
         history = history[:count]
         if progress is not None:
@@ -179,7 +233,7 @@ def minimise(
     value = fit + prior.value(state.x, state.radius, state.slope)
     if certify:
         gap = max(0.0, value - least) / value if value > 0 else 0.0
-    return Outcome(state, len(history), value, gap, settled or gap <= tolerance)
+    return Outcome(state, memory, len(history), value, gap, settled or gap <= tolerance)
 
 
 def _first_epsilon(norms: Image) -> float:
@@ -190,34 +244,3 @@ def _first_epsilon(norms: Image) -> float:
 def _zeros(like: Image) -> Image:
     """Fresh memory, which is zero by itself: np.zeros_like would walk it all."""
     return np.zeros(like.shape, like.dtype)
-
-
-class _Descent:
-    """The arrays of one run."""
-
-    def __init__(self, term: Term, prior: Prior, state: State) -> None:
-        x = state.x
-        self._map = (x, state.slope, state.radius)
-        weights = (prior.tables(x), prior.weights.astype(x.dtype) ** 2, term.curvature)
-        operator, none = term.operator(), np.zeros((len(x), 0, 0), x.dtype)
-        if operator.footprint is None:
-            footprint: Any = (none, none, np.zeros(0, x.dtype), 0)
-            data, curved = operator.mean, (none, none)
-        else:
-            footprint = operator.footprint
-            data, curved = _zeros(x), (_zeros(x), _zeros(x))
-        ties = operator.ties or (np.zeros((6, 0, 0), np.uint8), np.zeros(0, x.dtype), none)
-        self._operators = (*weights, footprint, ties)
-        self._step = _zeros(x)
-        self._work = (data, self._step, _zeros(x), *curved, np.zeros((x.shape[1] - 4, x.shape[2]), x.dtype))
-        self._sums = np.zeros((x.shape[1] - 4, 11))
-
-    def iterate(
-        self,
-        numbers: NDArray[np.float64],
-        history: NDArray[np.float64],
-        rule: tuple[float, float, float, float, int, int],
-    ) -> None:
-        """Fill `history`, or stop where the objective has settled; see `solver.kernels.iteration`."""
-        arrays = (self._map, self._operators, self._work, self._sums)
-        team.run(loop.iterate, *arrays, rule, numbers, history)

@@ -34,9 +34,9 @@ class PoseSpace:
             return base + moved
         return rotation_vector(rotation_matrix(base) @ rotation_matrix(moved))
 
-    def positions(self, shape: tuple[int, ...], pose: Pose, grid: Pose) -> NDArray[np.float32]:
-        """(H, W, 2): where each pixel of a frame (H, W) looks on the grid of a frame at `grid`."""
-        seen, size = self.relative(pose, grid)[None], (1, shape[0], shape[1])
+    def positions(self, shape: tuple[int, ...], pose: Pose) -> NDArray[np.float32]:
+        """(H, W, 2): where each pixel of a frame (H, W) looks on the grid of a frame at rest."""
+        seen, size = pose[None], (1, shape[0], shape[1])
         if self.matrix is None:
             return np.asarray(sample_positions(size, shifts=seen)[0])
         turned = sample_positions(size, rotations=seen, intrinsics=self.matrix, distortion=self.distortion)

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver import noise as noise_law
-from solver.deviation import deviation, sample_precision
+from solver.deviation import deviation
 from solver.errors import FusionInputError
 from solver.fill import reach, smooth
 from solver.kernels import noise as kernels
@@ -58,29 +58,32 @@ def exchange(
 
     Noise, threshold and what else was learned of all frames stay. Returns whether the frame has a sample.
     """
+    problem.count(slice(slot, slot + 1), problem.precision, -1)
     problem.exchanged, problem.positions[slot] = slot, positions
     lost = np.isnan(positions[..., 0])
     if lost.any():
         distance = np.where(lost, np.float32(np.nan), distance)
     if problem.amplitude is None or amplitude is None:
         problem.distance[slot] = distance
-        return bool(np.isfinite(distance).any())
-    problem.amplitude[slot] = amplitude
-    kept, sigma = problem.distance[slot], problem.sigma[slot]
-    return _light(distance, amplitude, problem.noise, problem.threshold, sigma, kept) > 0
+        count = int(np.isfinite(distance).sum())
+    else:
+        problem.amplitude[slot] = amplitude
+        kept, sigma = problem.distance[slot], problem.sigma[slot]
+        count = _light(distance, amplitude, problem.noise, problem.threshold, sigma, kept)
+    problem.count(slice(slot, slot + 1), problem.precision, 1)
+    return count > 0
 
 
 def complete(problem: Problem, solution: Solution) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """(distance, deviation), filled up to `fill` low-resolution pixels from the nearest used sample."""
-    precision = sample_precision(problem)
-    away = reach(precision > 0)
+    away = reach(problem.precision > 0)
     known = np.isfinite(solution.distance)
     if known.all():
         distance = solution.distance.copy()
     else:
         distance, beyond = smooth(solution.distance, known)
         np.maximum(away, beyond, out=away)
-    return distance, deviation(problem, solution, precision, away, distance)
+    return distance, deviation(problem, solution, away, distance)
 
 
 def _threshold(

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver import noise as noise_law
+from solver.kernels import sparse, team
 from solver.options import FusionOptions
 from solver.result import Progress
 from solver.reweighting import Trail
@@ -27,7 +28,7 @@ class Problem:
         guide: (βH, βW) float32 intensity, or None.
         options: the caller's choices, `method` already resolved.
         threshold: the amplitude under which samples were left out; 0 = none were.
-        exchanged: the frame by which alone it differs from what it was when it was last solved, or None.
+        exchanged: the number of the frame that alone has changed since it was solved last, or None.
     """
 
     distance: NDArray[np.float32]
@@ -46,6 +47,27 @@ class Problem:
         """(βH, βW)."""
         height, width = self.distance.shape[1:]
         return height * self.options.upsampling, width * self.options.upsampling
+
+    @cached_property
+    def precision(self) -> NDArray[np.float32]:
+        """(βH, βW): Σ 1 / σ² of the samples on each fused pixel, relative to the usual sample's; 0 = none."""
+        precision = np.zeros(self.fused_shape, np.float32)
+        self.count(slice(None), precision, 1)
+        return precision
+
+    def count(self, frames: slice, precision: NDArray[np.float32], sign: int) -> None:
+        """Add (1) or take away (−1) what frames contribute to the precision."""
+        sigma = self.sigma[frames]
+        team.share(
+            sparse.scatter_precision,
+            self.distance[frames],
+            sigma if self.noise else np.ones_like(sigma),
+            self.positions[frames],
+            float(self.options.upsampling),
+            np.float32(self.usual_deviation if self.noise else 1.0),
+            np.float32(sign),
+            precision,
+        )
 
     @cached_property
     def usual_deviation(self) -> float:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from solver.kernels import learning as kernels
 from solver.kernels import team
 from solver.kernels.smoothing import gaussian
-from solver.memory_gradient import Outcome, State, Term, minimise, start, start_at
+from solver.memory_gradient import Memory, Outcome, State, Term, minimise, start, start_at
 from solver.options import FusionOptions
 from solver.prior import Prior
 from solver.result import Progress
@@ -33,8 +33,9 @@ _AROUND = 0.7
 _TAPS = 3
 """To either side: 4 deviations."""
 
-_SELDOM = 5
-"""Maps of a stream between two of which an earlier pass goes on."""
+_A_FEW = 4
+"""The most iterations after an exchange of frames: what is left, those after the next ones do. Measured in
+streams: 5 and 20 lower the mean absolute error by 0 to 2 %."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,14 +78,14 @@ class Trail:
         unit: of the states.
         plan: of the passes.
         states, terms: by pass.
-        turns: how often it has been resumed.
+        memory: of the last pass.
     """
 
     unit: Unit
     plan: Reweighting | None
     states: list[State]
     terms: list[Term]
-    turns: int = 0
+    memory: Memory | None = None
 
     def start(self, turn: int, unit: Unit) -> State:
         """The end of a pass as a start without weights, in another unit."""
@@ -131,30 +132,29 @@ def minimise_reweighted(
             state = start_at(before.x.copy()) if trail is None else trail.start(turn + 1, unit)
             ends.states.append(state)
             ends.terms.append(_learn(prior, before, plan, state))
+    ends.memory = outcome.memory
     return replace(outcome, iterations=done), ends
 
 
 def resume(trail: Trail, prior: Prior, options: FusionOptions) -> Outcome:
-    """Go on with the last pass, on data of which a small part has changed; its gap is NaN.
+    """Go on with the last pass alone, on data of which a small part has changed; its gap is NaN.
 
-    Near the minimum, three iterations mostly do. Every few times an earlier pass goes on too, each in its
-    turn, and the weights that it teaches change: in between, what a frame adds to them is not seen.
+    The weights stay: what a frame adds to them is not seen.
     """
-    trail.turns += 1
-    plan, done = trail.plan, 0
-    if plan is not None and trail.turns % _SELDOM == 0:
-        turn = trail.turns // _SELDOM % plan.passes
-        done = _go_on(trail, turn, prior, max(options.tolerance, plan.tolerance), options).iterations
-        trail.terms[turn + 1] = _learn(prior, trail.states[turn], plan, trail.states[turn + 1])
-    outcome = _go_on(trail, len(trail.states) - 1, prior, options.tolerance, options)
-    return replace(outcome, iterations=done + outcome.iterations)
-
-
-def _go_on(trail: Trail, turn: int, prior: Prior, tolerance: float, options: FusionOptions) -> Outcome:
-    state = trail.states[turn]
+    state = trail.states[-1]
     state.fit = None
-    limit = options.max_iterations
-    return minimise(trail.terms[turn], prior, state, tolerance=tolerance, limit=limit, certify=False, span=1)
+    outcome = minimise(
+        trail.terms[-1],
+        prior,
+        state,
+        tolerance=options.tolerance,
+        limit=min(options.max_iterations, _A_FEW),
+        certify=False,
+        span=1,
+        memory=trail.memory,
+    )
+    trail.memory = outcome.memory
+    return outcome
 
 
 def _learn(prior: Prior, state: State, plan: Reweighting, following: State) -> Term:

@@ -168,35 +168,47 @@ class SlidingFusion:
         """The pose of a frame, which follows the track of the ones before."""
         if not self._window.entries:
             return np.zeros_like(self._window.grid)
-        from solver.registration import Track, register
-
-        entries = list(self._window.entries)
-        base = self._window.grid if len(entries) >= _FEW else entries[0].pose
-        poses = np.stack([self._space.relative(entry.pose, base) for entry in entries])
-        first = poses[-1] if guess is None else self._space.relative(guess, base)
         image = None if light is None else light[0]
-        if len(entries) < _FEW:
-            lights = [entry.amplitude for entry in entries if entry.amplitude is not None]
-            found = register(
-                np.stack([*(entry.distance for entry in entries), frame]),
-                None if image is None else np.stack([*lights, image]),
-                intrinsics=self._matrix,
-                distortion=self._lens,
-                initial=np.stack([*poses, first]),
-                ambiguity_range=self._range,
-            )
-            if len(entries) in found.rejected:
-                raise RegistrationError(self._misfit(found.rejected[len(entries)]))
-            moved = (found.shifts if found.rotations is None else found.rotations)[-1]
-            return self._space.composed(base, moved)
+        if len(self._window.entries) < _FEW:
+            return self._among_few(frame, image, guess)
+        from solver.registration import Track
+
+        entries, grid = self._window.entries, self._window.grid
         if self._track is None:
             self._track = Track(self._size, self._matrix, self._lens, self._range)
-            for entry, pose in zip(entries, poses, strict=True):
-                self._track.add(entry.distance, entry.amplitude, pose)
+            for entry in entries:
+                self._track.add(entry.distance, entry.amplitude, entry.relative)
+        first = entries[-1].relative if guess is None else self._space.relative(guess, grid)
         try:
-            return self._space.composed(base, self._track.follow(frame, image, first))
+            return self._space.composed(grid, self._track.follow(frame, image, first))
         except RegistrationError as error:
             raise RegistrationError(self._misfit(str(error))) from error
+
+    def _among_few(
+        self,
+        frame: NDArray[np.float32],
+        image: NDArray[np.float32] | None,
+        guess: NDArray[np.float64] | None,
+    ) -> NDArray[np.float64]:
+        from solver.registration import register
+
+        entries = list(self._window.entries)
+        base = entries[0].pose
+        poses = [self._space.relative(entry.pose, base) for entry in entries]
+        poses.append(poses[-1] if guess is None else self._space.relative(guess, base))
+        lights = [entry.amplitude for entry in entries if entry.amplitude is not None]
+        found = register(
+            np.stack([*(entry.distance for entry in entries), frame]),
+            None if image is None else np.stack([*lights, image]),
+            intrinsics=self._matrix,
+            distortion=self._lens,
+            initial=np.stack(poses),
+            ambiguity_range=self._range,
+        )
+        if len(entries) in found.rejected:
+            raise RegistrationError(self._misfit(found.rejected[len(entries)]))
+        moved = (found.shifts if found.rotations is None else found.rotations)[-1]
+        return self._space.composed(base, moved)
 
     def _misfit(self, why: str) -> str:
         return f"frame {self._pushed} does not fit the ones before: {why}"
@@ -223,10 +235,10 @@ class SlidingFusion:
             raise
         self._last = solution
         distance, spread = complete(problem, solution)
-        if not solution.converged:
+        if not solution.converged and problem.exchanged is None:
             warn_unconverged(options, solution, stacklevel=4)
         entries = self._window.entries
-        relative = np.stack([self._space.relative(entry.pose, self._window.grid) for entry in entries])
+        relative = np.stack([entry.relative for entry in entries])
         report = Report(
             method=options.method,
             regularization=solution.regularization,

@@ -1,7 +1,7 @@
 """The latest frames of a stream on one grid, and the problem that they make."""
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,17 +12,18 @@ from solver.preparation import exchange, prepare
 from solver.problem import Problem
 
 _MANY = 8
-"""Frames of which one is a small part: a problem of fewer is prepared anew with every frame."""
+"""Frames of which one is a small part."""
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One frame; its pose is relative to the first frame of the stream."""
+    """One frame; its pose is relative to the first frame of the stream, `relative` to the grid's."""
 
     number: int
     distance: NDArray[np.float32]
     amplitude: NDArray[np.float32] | None
     pose: Pose
+    relative: Pose
     positions: NDArray[np.float32]
     noise: float
 
@@ -66,30 +67,39 @@ class Window:
         """Add a frame (H, W), for which a full window gives up its oldest; whether the grid moved to it."""
         if not self.entries:
             self.grid = pose
-        positions = self._space.positions(distance.shape, pose, self.grid)
-        moved = overlap(positions) < 0.5
+        entry = self._entry(number, distance, amplitude, pose, noise)
+        moved = overlap(entry.positions) < 0.5
         if moved:
-            self._move(pose)
-            positions = self._space.positions(distance.shape, pose, self.grid)
+            self.grid = pose
+            entry = self._entry(number, distance, amplitude, pose, noise)
+            kept = [self._entry(e.number, e.distance, e.amplitude, e.pose, e.noise) for e in self.entries]
+            self.clear()
+            self.entries.extend(kept)
         full = len(self.entries) == self._size >= _MANY
-        self.entries.append(Entry(number, distance, amplitude, pose, positions, noise))
-        if self._problem is None or not full or self._exchanges == self._size:
-            self.renew()
-        elif exchange(self._problem, self._exchanges, distance, amplitude, positions):
-            self._exchanges += 1
-        else:
+        self.entries.append(entry)
+        if not (full and self._exchanged(entry)):
             self.renew()
         return moved
 
-    def _move(self, grid: Pose) -> None:
-        self.grid = grid
-        kept = [
-            replace(entry, positions=self._space.positions(entry.distance.shape, entry.pose, grid))
-            for entry in self.entries
-        ]
-        self.entries.clear()
-        self.entries.extend(kept)
-        self.renew()
+    def _entry(
+        self,
+        number: int,
+        distance: NDArray[np.float32],
+        amplitude: NDArray[np.float32] | None,
+        pose: Pose,
+        noise: float,
+    ) -> Entry:
+        relative = self._space.relative(pose, self.grid)
+        positions = self._space.positions(distance.shape, relative)
+        return Entry(number, distance, amplitude, pose, relative, positions, noise)
+
+    def _exchanged(self, entry: Entry) -> bool:
+        """Whether the frame could take the oldest one's place in the problem."""
+        if self._problem is None or self._exchanges == self._size:
+            return False
+        self._exchanges += 1
+        frame = (entry.distance, entry.amplitude, entry.positions)
+        return exchange(self._problem, self._exchanges - 1, *frame)
 
     def problem(self, options: FusionOptions, ambiguity_range: float | None) -> Problem:
         """That of all frames; the one before with one frame exchanged, where it could be kept.

@@ -36,12 +36,16 @@ def scatter(rank, size, values, weights, positions, scale, weight, total, square
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def scatter_precision(  # type: ignore[no-untyped-def]
-    rank, size, distance, sigma, positions, scale, usual, least, precision
+    rank, size, distance, sigma, positions, scale, usual, sign, precision
 ):
-    """Add (usual / σ)², at least `least`, of every sample that is not NaN to the fused pixel under it.
+    """Add sign · (usual / σ)² of every sample that is not NaN to the fused pixel under it.
+
+    It is rounded to a whole number of 1/1024, from 1 of them to 512, so that sums are exact: what is taken
+    away again leaves nothing.
 
     Args: distance, sigma (N, H, W); the others as in `scatter`.
     """
+    step, most = np.float32(1024), np.float32(512)
     frames, rows, columns = distance.shape
     top, end = rank * precision.shape[0] // size, (rank + 1) * precision.shape[0] // size
     for k in range(frames):
@@ -53,7 +57,8 @@ def scatter_precision(  # type: ignore[no-untyped-def]
                 v = _under(positions[k, i, j, 1], scale, 0, precision.shape[1])
                 if v >= 0:
                     ratio = usual / sigma[k, i, j]
-                    precision[u, v] += max(ratio * ratio, least)
+                    steps = np.round(min(ratio * ratio, most) * step)
+                    precision[u, v] += sign * max(steps, np.float32(1)) / step
 
 
 @njit(cache=True, error_model="numpy", fastmath=True)
