@@ -41,6 +41,83 @@ def test_a_window_gives_what_fuse_gives(method: str) -> None:
         assert streamed.report.objective == pytest.approx(whole.report.objective, rel=5e-3)
 
 
+def long_stream(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Frames (N, H, W) of the block, with fresh noise, their amplitudes and their shifts."""
+    rng = np.random.default_rng(8)
+    shifts = rng.uniform(-0.7, 0.7, size=(count, 2))
+    shifts[0] = 0
+    rows, columns = np.mgrid[0:ROWS, 0:COLUMNS]
+    stack = []
+    for dy, dx in shifts:
+        y, x = rows + dy, columns + dx
+        block = np.clip(y - 5, 0, 1) * np.clip(14 - y, 0, 1) * np.clip(x - 6, 0, 1) * np.clip(16 - x, 0, 1)
+        stack.append(2.0 + 0.01 * x - 0.5 * block + 0.005 * rng.normal(size=block.shape))
+    return np.array(stack, np.float32), np.full((count, ROWS, COLUMNS), 1000, np.float32), shifts
+
+
+@pytest.mark.parametrize("method", ["lidarboost", "area", "phasor"])
+def test_a_window_whose_frames_are_exchanged_gives_what_fuse_gives(method: str) -> None:
+    # A window of 10 is prepared at frame 9 and 20; frames 10 to 19 and 21 to 28 change places.
+    distance, amplitude, shifts = long_stream(29)
+    options = FusionOptions(method=method)  # type: ignore[arg-type]
+    sliding = SlidingFusion(options, window=10, ambiguity_range=7.5)
+    for number, shift in enumerate(shifts):
+        streamed = sliding.push(distance[number], amplitude[number], shift=shift)
+        if number < 19:
+            continue
+        window = slice(number - 9, number + 1)
+        whole = fuse(
+            distance[window], amplitude[window], shifts=shifts[window], options=options, ambiguity_range=7.5
+        )
+        assert streamed.report.used == tuple(range(number - 9, number + 1))
+        # Noise of 5 mm; a pixel on the block's edge may go to either side.
+        difference = np.abs(streamed.distance - whole.distance)[8:-8, 8:-8]
+        assert difference.mean() < 0.001
+        assert np.percentile(difference, 99) < 0.005
+        spread = np.abs(streamed.deviation / whole.deviation - 1)
+        assert np.percentile(spread, 99) < 0.3
+        if method == "lidarboost":  # one convex problem, whatever the start
+            assert streamed.report.objective == pytest.approx(whole.report.objective, rel=0.06)
+
+
+@pytest.mark.parametrize("method", ["lidarboost", "area", "phasor"])
+def test_a_dark_frame_in_a_full_window_changes_little(method: str) -> None:
+    distance, amplitude, shifts = long_stream(12)
+    amplitude[10] = 0
+    options = FusionOptions(method=method)  # type: ignore[arg-type]
+    known = {"ambiguity_range": 7.5, "noise": 5.0}
+    sliding = SlidingFusion(options, window=8, **known)
+    fused = [
+        sliding.push(*frame, shift=shift) for *frame, shift in zip(distance, amplitude, shifts, strict=True)
+    ]
+    assert fused[10].report.used == (3, 4, 5, 6, 7, 8, 9, 10)
+    for number in (10, 11):
+        window = slice(number - 7, number + 1)
+        whole = fuse(distance[window], amplitude[window], shifts=shifts[window], options=options, **known)
+        difference = np.abs(fused[number].distance - whole.distance)[8:-8, 8:-8]
+        assert np.median(difference) < 0.001
+        assert np.percentile(difference, 95) < 0.01
+
+
+def test_a_full_window_survives_a_frame_that_cannot_be_fused(monkeypatch: pytest.MonkeyPatch) -> None:
+    distance, amplitude, shifts = long_stream(12)
+    sliding = SlidingFusion(FusionOptions(method="area"), window=8, ambiguity_range=7.5)
+    for frame, light, shift in zip(distance[:10], amplitude, shifts, strict=False):
+        sliding.push(frame, light, shift=shift)
+    with monkeypatch.context() as patch:
+        patch.setattr("solver.reweighting.minimise", _interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            sliding.push(distance[10], amplitude[10], shift=shifts[10])
+    fused = sliding.push(distance[11], amplitude[11], shift=shifts[11])
+    options = FusionOptions(method="area")
+    whole = fuse(distance[4:], amplitude[4:], shifts=shifts[4:], options=options, ambiguity_range=7.5)
+    assert np.sqrt(np.nanmean((fused.distance - whole.distance)[8:-8, 8:-8] ** 2)) < 0.004
+
+
+def _interrupted(*_: object, **__: object) -> None:
+    raise KeyboardInterrupt
+
+
 def test_warm_starts_need_fewer_iterations() -> None:
     options = FusionOptions(method="lidarboost", regularization=0.02)
     sliding = SlidingFusion(options, window=6)
