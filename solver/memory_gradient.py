@@ -186,7 +186,7 @@ class _Descent:
     def __init__(self, term: Term, prior: Prior, state: State) -> None:
         x = state.x
         self._map = (x, state.slope, state.radius)
-        weights = (prior.tables(x), prior.weights.astype(x.dtype) ** 2, term.curvature)
+        weights = (prior.squared(x), term.curvature)
         operator, none = term.operator(), np.zeros((len(x), 0, 0), x.dtype)
         if operator.footprint is None:
             footprint: Any = (none, none, np.zeros(0, x.dtype), 0)
