@@ -128,7 +128,7 @@ class Memory:
         x, operator, none = state.x, term.operator(), self._curved[:, :0, :0]
         footprint: Any = operator.footprint or (none, none, np.zeros(0, x.dtype), 0)
         ties = operator.ties or (np.zeros((6, 0, 0), np.uint8), np.zeros(0, x.dtype), none)
-        weights = (prior.tables(x), prior.weights.astype(x.dtype) ** 2, term.curvature)
+        weights = (prior.squared(x), term.curvature)
         data = self._gradient if operator.mean is None else operator.mean
         steps = (self._step, self._direction, self._curved, self._curved_step)
         numbers[loop.BENT] = self._bent

@@ -43,7 +43,7 @@ class Prior:
     ) -> NDArray[np.floating]:
         """(rows + 4, columns + 4): ‖∇x − slope‖₂ by pixel of a padded map."""
         out: NDArray[np.floating] = np.zeros(x.shape[1:], x.dtype)
-        team.share(kernels.norms, x, level(x) if slope is None else slope, self.tables(x), out)
+        team.share(kernels.norms, x, level(x) if slope is None else slope, self.squared(x), out)
         return out
 
     def duals(
@@ -61,6 +61,10 @@ class Prior:
         out: NDArray[np.floating] = np.zeros((len(x), len(NEIGHBOURHOOD), *x.shape[1:]), x.dtype)
         team.share(dual.duals, x, slope, norms, radius, floor, self.tables(x), out)
         return out
+
+    def squared(self, x: NDArray[np.floating]) -> NDArray[np.floating]:
+        """(6,): the squared weights, of x's type."""
+        return self.weights.astype(x.dtype) ** 2
 
     def tables(self, x: NDArray[np.floating]) -> NDArray[np.floating]:
         """`up` of `solver.kernels.prior` for a padded map."""

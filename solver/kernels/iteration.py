@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 
+from solver.kernels.prior import inside
 from solver.kernels.team import meet
 from solver.kernels.walk import REACH, bends, move, on_the_way, part, reach_of, refresh, walk
 
@@ -65,7 +66,7 @@ def _compiled(sources: str):  # type: ignore[no-untyped-def]
         Args:
             map: (x, slope, radius): the map (C, rows + 4, columns + 4), padded by 2 as all images are, in
                 place; slope and radius see `direction.descend`.
-            operators: (up, weights, curvature, footprint, ties): the first three see there; footprint is
+            operators: (weights, curvature, footprint, ties): the first two see there; footprint is
                 (stencil, side, taps, size) of `blur.apply`, no stencil = a diagonal operator, whose diagonal
                 is the curvature; ties are (levels, unit, lift) of `kernels.ties`, no levels = none.
             work: (data, step, direction, curved, curved_step, stiffness): the data term's gradient (C, …),
@@ -81,9 +82,10 @@ def _compiled(sources: str):  # type: ignore[no-untyped-def]
         sources  # noqa: B018
         tolerance, hide, fall_of_epsilon, patience, again, span = rule
         kind, rows = map[0].dtype.type, map[0].shape[1] - 4
-        kept, dense = on_the_way(map, operators), operators[3][0].shape[1] > 0
+        kept, dense = on_the_way(map, operators), operators[2][0].shape[1] > 0
         own, settled, moving, by = history.copy(), False, False, (kind(0), kind(0))
         epsilon, fit, count, dd = numbers[EPSILON], numbers[FIT], int(numbers[DONE]), numbers[BENT]
+        within = inside(map[0].shape[2] - 4, kind)
         walked = part(rank, size, rows, reach_of(operators))
         top, low, high, end = part(rank, size, rows, REACH)
         while count < history.size and not settled:
@@ -99,8 +101,8 @@ def _compiled(sources: str):  # type: ignore[no-untyped-def]
                 refresh(top, end, map, operators, work, kept)
             walk(walked, ahead, by, kind(epsilon), map, operators, work, kept, sums)
             meet(barrier, size)
-            bends(top, walked[1], False, operators, work, work[5], kept, sums)
-            bends(walked[2], end, False, operators, work, work[5], kept, sums)
+            bends(top, walked[1], False, operators, work, work[5], within, kept, sums)
+            bends(walked[2], end, False, operators, work, work[5], within, kept, sums)
             meet(barrier, size)
             roughness, hidden, along, across, data_along, data_across, lzz, lzd, ldd, zz, zd = _total(sums)
             a, b = least(along, across, lzz + zz, lzd + zd, ldd + dd)

@@ -3,8 +3,8 @@
 At a map x the prior Σ r ‖∇x − s‖ lies under ½ Σ v ‖∇x − s‖² + constant with the stiffness
 v = r / max(‖∇x − s‖, ε), touching it there where ‖∇x − s‖ ≥ ε. `up` holds the squared weights of the six
 differences by column, 0 where a difference leaves the image: one table for ordinary rows, one for the last
-row but one and one for the last. Away from the first and the last two columns a row's weights are the same
-everywhere, so a row is walked in runs of columns for which they are constants.
+row but one and one for the last. The loops here have a row's weights as constants, and instead of the columns
+of that table one row of ones and zeros, `inside`, which they read where a difference ends.
 """
 
 import numpy as np
@@ -19,55 +19,47 @@ PAD = 2
 ROWS, COLUMNS = (0, 1, 1, 1, 0, 2), (1, 0, 1, -1, 2, 0)
 """The differences' offsets."""
 
-RUNS = 4
-"""Runs of columns with the same weights: the first one, the inner ones, the last but one and the last."""
+
+@njit
+def inside(n, kind):  # type: ignore[no-untyped-def]
+    """(n + 4,): 1 within a row of n pixels, 0 in its padding."""
+    out = np.zeros(n + 4, kind)
+    out[2 : 2 + n] = 1
+    return out
 
 
 @njit
-def run(t, n):  # type: ignore[no-untyped-def]
-    """(first column, how many) of run t in a row of n."""
-    ends = (0, min(1, n), max(min(1, n), n - 2), max(min(1, n), n - 1), n)
-    return ends[t], ends[t + 1] - ends[t]
-
-
-@njit
-def weights_at(up, kind, column):  # type: ignore[no-untyped-def]
-    """The six weights of a column in the table `kind`, that of a row."""
-    near = up[kind, 0, column], up[kind, 1, column], up[kind, 2, column]
-    return (*near, up[kind, 3, column], up[kind, 4, column], up[kind, 5, column])
+def weights_at(row, rows, weights):  # type: ignore[no-untyped-def]
+    """The six squared weights of a row, 0 where a difference leaves the image below."""
+    one, two = weights.dtype.type(row + 1 < rows), weights.dtype.type(row + 2 < rows)
+    near = weights[0], one * weights[1], one * weights[2]
+    return (*near, one * weights[3], weights[4], two * weights[5])
 
 
 @njit(fastmath=True, error_model="numpy")
-def add_squares(c, i, x, slope, up, kind, squares):  # type: ignore[no-untyped-def]
-    """Add one channel's ‖∇x − slope‖² at row i; `kind` is the table of this row."""
-    for t in range(RUNS):
-        first, m = run(t, squares.size)
-        if m > 0:
-            _add_squares(c, i, first, m, x, slope, weights_at(up, kind, first), squares)
-
-
-@njit(fastmath=True, error_model="numpy")
-def _add_squares(c, i, first, m, x, slope, weights, squares):  # type: ignore[no-untyped-def]
-    a, at, next1, next2 = first + 2, (c, i), (c, i + 1), (c, i + 2)
-    here, right, right2 = view(x, at, a, m), view(x, at, a + 1, m), view(x, at, a + 2, m)
-    down, diagonal = view(x, next1, a, m), view(x, next1, a + 1, m)
-    antidiagonal, down2, out = view(x, next1, a - 1, m), view(x, next2, a, m), view(squares, (), first, m)
-    w0, w1, w2, w3, w4, w5 = weights
+def add_squares(c, i, x, slope, own, inside, squares):  # type: ignore[no-untyped-def]
+    """Add one channel's ‖∇x − slope‖² at row i, whose weights are `own`."""
+    n, a, at, next1, next2 = squares.size, 2, (c, i), (c, i + 1), (c, i + 2)
+    here, right, right2 = view(x, at, a, n), view(x, at, a + 1, n), view(x, at, a + 2, n)
+    down, diagonal = view(x, next1, a, n), view(x, next1, a + 1, n)
+    antidiagonal, down2 = view(x, next1, a - 1, n), view(x, next2, a, n)
+    one, two, back = view(inside, (), a + 1, n), view(inside, (), a + 2, n), view(inside, (), a - 1, n)
+    w0, w1, w2, w3, w4, w5 = own
     if slope.shape[2] > 0:
-        fall, run = view(slope, (c, 0, i), a, m), view(slope, (c, 1, i), a, m)
-        for j in range(m):
+        fall, run = view(slope, (c, 0, i), a, n), view(slope, (c, 1, i), a, n)
+        for j in range(n):
             v, s, r = here[j], fall[j], run[j]
             g0, g1, g2 = v - right[j] + r, v - down[j] + s, v - diagonal[j] + s + r
             g3, g4, g5 = v - antidiagonal[j] + s - r, v - right2[j] + r + r, v - down2[j] + s + s
-            near = w0 * g0 * g0 + w1 * g1 * g1 + w2 * g2 * g2
-            out[j] += near + w3 * g3 * g3 + w4 * g4 * g4 + w5 * g5 * g5
+            near = one[j] * (w0 * g0 * g0 + w2 * g2 * g2) + w1 * g1 * g1
+            squares[j] += near + back[j] * w3 * g3 * g3 + two[j] * w4 * g4 * g4 + w5 * g5 * g5
     else:
-        for j in range(m):
+        for j in range(n):
             v = here[j]
             g0, g1, g2 = v - right[j], v - down[j], v - diagonal[j]
             g3, g4, g5 = v - antidiagonal[j], v - right2[j], v - down2[j]
-            near = w0 * g0 * g0 + w1 * g1 * g1 + w2 * g2 * g2
-            out[j] += near + w3 * g3 * g3 + w4 * g4 * g4 + w5 * g5 * g5
+            near = one[j] * (w0 * g0 * g0 + w2 * g2 * g2) + w1 * g1 * g1
+            squares[j] += near + back[j] * w3 * g3 * g3 + two[j] * w4 * g4 * g4 + w5 * g5 * g5
 
 
 @njit(fastmath=True, error_model="numpy")
@@ -89,14 +81,17 @@ def stiffen(squares, radius, epsilon, stiffness, sums):  # type: ignore[no-untyp
 
 
 @njit(nogil=True, cache=True)
-def norms(rank, size, x, slope, up, out):  # type: ignore[no-untyped-def]
-    """out (rows + 4, columns + 4) ← ‖∇x − slope‖₂ by pixel, all channels in one group."""
+def norms(rank, size, x, slope, weights, out):  # type: ignore[no-untyped-def]
+    """out (rows + 4, columns + 4) ← ‖∇x − slope‖₂ by pixel, all channels in one group.
+
+    Args: weights: (6,), the squared weights of the differences.
+    """
     channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
-    squares = np.zeros(n, x.dtype)
+    squares, within = np.zeros(n, x.dtype), inside(n, x.dtype)
     for row in range(rank * rows // size, (rank + 1) * rows // size):
         squares[:] = 0
         for c in range(channels):
-            add_squares(c, row + 2, x, slope, up, max(0, row + 3 - rows), squares)
+            add_squares(c, row + 2, x, slope, weights_at(row, rows, weights), within, squares)
         for j in range(n):
             out[row + 2, j + 2] = np.sqrt(squares[j])
 

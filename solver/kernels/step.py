@@ -1,28 +1,30 @@
 """The step in the plane of two directions: how the objective bends along them, and the move itself.
 
-Images are padded as in `kernels.prior`; `stiffness` and `up` are that module's.
+Images are padded as in `kernels.prior`; `stiffness`, `inside` and weights are that module's.
 """
 
 from numba import njit
 
-from solver.kernels.prior import RUNS, run, weights_at
+from solver.kernels.prior import weights_at
 from solver.kernels.view import view
 
 
 @njit(fastmath=True)
-def _add_bends(c, i, first, m, direction, step, stiffness, weights, sums):  # type: ignore[no-untyped-def]
-    """Add ⟨z, Lz⟩, ⟨z, Ld⟩, ⟨d, Ld⟩ of m columns of row i, L the majorant's operator, one channel."""
-    a, here, next1, next2, zz = first + 2, (c, i), (c, i + 1), (c, i + 2), direction.dtype.type(0)
-    zd = dd = zz
+def _add_bends(c, i, direction, step, stiffness, own, inside, sums):  # type: ignore[no-untyped-def]
+    """Add ⟨z, Lz⟩, ⟨z, Ld⟩, ⟨d, Ld⟩ of row i, L the majorant's operator, one channel."""
+    m, a, here, next1, next2 = direction.shape[2] - 4, 2, (c, i), (c, i + 1), (c, i + 2)
+    one, two, back = view(inside, (), a + 1, m), view(inside, (), a + 2, m), view(inside, (), a - 1, m)
+    zz = zd = dd = direction.dtype.type(0)
     z, zr, zr2 = view(direction, here, a, m), view(direction, here, a + 1, m), view(direction, here, a + 2, m)
     zd1, zg = view(direction, next1, a, m), view(direction, next1, a + 1, m)
     za, zd2 = view(direction, next1, a - 1, m), view(direction, next2, a, m)
     s, sr, sr2 = view(step, here, a, m), view(step, here, a + 1, m), view(step, here, a + 2, m)
     sd1, sg = view(step, next1, a, m), view(step, next1, a + 1, m)
     sa, sd2, slacks = view(step, next1, a - 1, m), view(step, next2, a, m), view(stiffness, (), a, m)
-    w0, w1, w2, w3, w4, w5 = weights
+    whole0, w1, whole2, whole3, whole4, w5 = own
     for j in range(m):
         v, u = z[j], s[j]
+        w0, w2, w3, w4 = whole0 * one[j], whole2 * one[j], whole3 * back[j], whole4 * two[j]
         z0, z1, z2, z3, z4, z5 = v - zr[j], v - zd1[j], v - zg[j], v - za[j], v - zr2[j], v - zd2[j]
         d0, d1, d2, d3, d4, d5 = u - sr[j], u - sd1[j], u - sg[j], u - sa[j], u - sr2[j], u - sd2[j]
         y0, y1, y2, y3, y4, y5 = w0 * z0, w1 * z1, w2 * z2, w3 * z3, w4 * z4, w5 * z5
@@ -59,7 +61,7 @@ def _add_weighted(direction, step, curvature, sums):  # type: ignore[no-untyped-
 
 
 @njit
-def bend(row, direction, step, curvature, diagonal, curved, stiffness, up, sums):  # type: ignore[no-untyped-def]
+def bend(row, direction, step, curvature, diagonal, curved, stiffness, weights, inside, sums):  # type: ignore[no-untyped-def]
     """sums (5,) ← of one row, the majorant's ⟨z, Lz⟩, ⟨z, Ld⟩, ⟨d, Ld⟩ and the data's ⟨z, Hz⟩, ⟨z, Hd⟩.
 
     Args:
@@ -67,14 +69,11 @@ def bend(row, direction, step, curvature, diagonal, curved, stiffness, up, sums)
         stiffness: (columns + 4,), of this row.
     """
     channels, rows, n, i = direction.shape[0], direction.shape[1] - 4, direction.shape[2] - 4, row + 2
+    own = weights_at(row, rows, weights)
     for k in range(5):
         sums[k] = 0
     for c in range(channels):
-        for t in range(RUNS):
-            first, m = run(t, n)
-            if m > 0:
-                weights = weights_at(up, max(0, row + 3 - rows), first)
-                _add_bends(c, i, first, m, direction, step, stiffness, weights, sums)
+        _add_bends(c, i, direction, step, stiffness, own, inside, sums)
         z, d = view(direction, (c, i), 2, n), view(step, (c, i), 2, n)
         if diagonal:
             _add_weighted(z, d, view(curvature, (i,), 2, n), sums)

@@ -1,16 +1,14 @@
 """One walk over the map does a whole iteration, so that what it needs is fetched from memory once.
 
-The walk goes row by row. Each row is moved by the step that the last walk has found; `REACH` rows behind it
-the next direction is found; and as many rows behind that as the operators reach, how the objective bends
+The walk goes in strips of rows. Each is moved by the step that the last walk has found; `REACH` rows behind
+it the next direction is found; and as many rows behind that as the operators reach, how the objective bends
 along both. Of a team, each thread walks its part of the rows. The rows that its neighbours read too it moves
 before they all walk, and those where it reads its neighbours' directions it leaves until all have walked.
 
-Arrays that go together come in tuples: the `map` is (x, slope, radius), `operators` are (up, weights,
-curvature, footprint, ties), and `work` is (data, step, direction, curved, curved_step, stiffness), see
-`iteration`.
+Arrays that go together come in tuples: the `map` is (x, slope, radius), `operators` are (weights, curvature,
+footprint, ties), and `work` is (data, step, direction, curved, curved_step, stiffness), see `iteration`.
 """
 
-import numpy as np
 from numba import njit
 
 from solver.kernels.blur import apply, rings
@@ -21,6 +19,10 @@ from solver.kernels.view import view
 
 REACH = 2
 """Rows that the prior reaches."""
+
+STRIP = 8
+"""Rows done at a time: few enough to stay in cache. Measured: single rows take up to twice as long, for a
+strip is called with all those arrays."""
 
 DESCENT, BENDS = 6, 5
 """Sums by row of `descend`, and after them of `bend`."""
@@ -37,7 +39,7 @@ def part(rank, size, rows, reach):  # type: ignore[no-untyped-def]
 @njit
 def on_the_way(map, operators):  # type: ignore[no-untyped-def]
     """What `bends` keeps from one row to the next."""
-    _, _, taps, size = operators[3]
+    _, _, taps, size = operators[2]
     return rings(map[0].shape[0], map[0].shape[2] - 4, taps, size)
 
 
@@ -45,7 +47,7 @@ def on_the_way(map, operators):  # type: ignore[no-untyped-def]
 def refresh(top, end, map, operators, work, kept):  # type: ignore[no-untyped-def]
     """The data's gradient in rows top to end, unless its operator is diagonal."""
     x, data = map[0], work[0]
-    _, _, _, (stencil, side, taps, size), (levels, unit, lift) = operators
+    _, _, (stencil, side, taps, size), (levels, unit, lift) = operators
     for c in range(x.shape[0]):
         apply(top, end, c, x, stencil, side, taps, size, x.dtype.type(2), kept, False, data)
         if levels.shape[1] > 0:
@@ -58,31 +60,30 @@ def move(top, end, by, map, operators, work):  # type: ignore[no-untyped-def]
     """Move rows top to end of the map by the step (a, b) in the two directions, and the data's gradient."""
     data, step, direction, curved, curved_step, _ = work
     add_move(top, end, by, direction, step, map[0])
-    if operators[3][0].shape[1] > 0:
+    if operators[2][0].shape[1] > 0:
         add_move(top, end, by, curved, curved_step, data)
 
 
 @njit
-def bends(top, end, resume, operators, work, slack, kept, sums):  # type: ignore[no-untyped-def]
+def bends(top, end, resume, operators, work, slack, within, kept, sums):  # type: ignore[no-untyped-def]
     """The direction's products with the operators in rows top to end, in sums.
 
     Args:
         resume: whether `kept`, which is `on_the_way`, holds what a call that ended at `top` has left.
-        slack: stiffness by row, in a ring of any size.
+        slack: stiffness by row, in a ring of any size; within: `prior.inside`.
     """
     _, step, direction, curved, _, _ = work
-    up, _, curvature, (stencil, _, taps, size), (levels, unit, _) = operators
+    weights, curvature, (stencil, _, taps, size), (levels, unit, _) = operators
     channels, n, two = direction.shape[0], direction.shape[2] - 4, direction.dtype.type(2)
     diagonal, none = stencil.shape[1] == 0, direction[:0]
+    if not diagonal:
+        for c in range(channels):
+            apply(top, end, c, direction, stencil, none, taps, size, two, kept, resume, curved)
+            if levels.shape[1] > 0:
+                pull(top, end, c, direction, levels, unit, curved)
     for row in range(top, end):
-        if not diagonal:
-            for c in range(channels):
-                again = resume or row > top
-                apply(row, row + 1, c, direction, stencil, none, taps, size, two, kept, again, curved)
-                if levels.shape[1] > 0:
-                    pull(row, row + 1, c, direction, levels, unit, curved)
         stiff, out = view(slack, (row % slack.shape[0],), 0, n + 4), view(sums, (row,), DESCENT, BENDS)
-        bend(row, direction, step, curvature, diagonal, curved, stiff, up, out)
+        bend(row, direction, step, curvature, diagonal, curved, stiff, weights, within, out)
 
 
 @njit
@@ -96,28 +97,27 @@ def walk(rows, ahead, by, epsilon, map, operators, work, kept, sums):  # type: i
     top, low, high, end = rows
     x, slope, radius = map
     data, step, direction, _, _, stiffness = work
-    up, weights, curvature, (stencil, _, _, _), _ = operators
-    diagonal, n, none = stencil.shape[1] == 0, x.shape[2] - 4, np.zeros(DESCENT)
+    weights, curvature, (stencil, _, _, _), _ = operators
+    diagonal, n = stencil.shape[1] == 0, x.shape[2] - 4
     reach = reach_of(operators)
-    lines = scratch(n, reach + 1, up.dtype)
-    for row in range(top - REACH, end + reach):
-        next, last = row + REACH, row - reach
-        if ahead[0] <= next < ahead[1]:
-            move(next, next + 1, by, map, operators, work)
-        if 0 <= row < end:
-            counts = row >= top
-            out = view(sums, (row,), 0, DESCENT) if counts else view(none, (), 0, DESCENT)
-            descend(
-                row, counts, x, slope, radius, epsilon, up, weights, curvature, diagonal, data, step, lines,
-                direction, out
-            )  # fmt: skip
-            if counts and not low <= row < high:
-                stiffness[row] = lines[0][row % (reach + 1)]
-        if low <= last < high:
-            bends(last, last + 1, last > low, operators, work, lines[0], kept, sums)
+    lines = scratch(n, reach + STRIP, x.dtype)
+    depth = lines[0].shape[0]
+    for first in range(top - REACH, end + reach, STRIP):
+        until = first + STRIP
+        move(max(first + REACH, ahead[0]), min(until + REACH, ahead[1]), by, map, operators, work)
+        descend(
+            max(first, 0), min(until, end), top, x, slope, radius, epsilon, weights, curvature, diagonal,
+            data, step, lines, direction, sums
+        )  # fmt: skip
+        for row in range(max(first, top), min(until, end)):
+            if not low <= row < high:
+                stiffness[row] = lines[0][row % depth]
+        start, stop = max(first - reach, low), min(until - reach, high)
+        if start < stop:
+            bends(start, stop, start > low, operators, work, lines[0], lines[2], kept, sums)
 
 
 @njit
 def reach_of(operators):  # type: ignore[no-untyped-def]
     """Rows that the operators reach: the footprint and the coupling of its nodes, or the prior."""
-    return max(REACH, operators[3][3])
+    return max(REACH, operators[2][3])
