@@ -36,7 +36,10 @@ class Prior:
         self, x: NDArray[np.floating], radius: NDArray[np.floating], slope: NDArray[np.floating] | None = None
     ) -> float:
         """Σ radius ‖∇x − slope‖₂ of a padded map (C, rows + 4, columns + 4); slope as in `solver.slope`."""
-        return float((radius * self.norms(x, slope)).sum(dtype=np.float64))
+        sums = np.zeros(x.shape[1] - 2 * kernels.PAD)
+        tilt = level(x) if slope is None else slope
+        team.share(kernels.values, x, tilt, self.squared(x), radius, sums)
+        return float(sums.sum())
 
     def norms(
         self, x: NDArray[np.floating], slope: NDArray[np.floating] | None = None

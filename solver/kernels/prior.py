@@ -96,6 +96,26 @@ def norms(rank, size, x, slope, weights, out):  # type: ignore[no-untyped-def]
             out[row + 2, j + 2] = np.sqrt(squares[j])
 
 
+@njit(fastmath=True)
+def _weighed(squares, radius):  # type: ignore[no-untyped-def]
+    total = squares.dtype.type(0)
+    for j in range(squares.size):
+        total += radius[j] * np.sqrt(squares[j])
+    return total
+
+
+@njit(nogil=True, cache=True)
+def values(rank, size, x, slope, weights, radius, sums):  # type: ignore[no-untyped-def]
+    """sums (rows,) float64 ← Σ radius ‖∇x − slope‖₂ by row; the others as for `norms`."""
+    channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
+    squares, within = np.zeros(n, x.dtype), inside(n, x.dtype)
+    for row in range(rank * rows // size, (rank + 1) * rows // size):
+        squares[:] = 0
+        for c in range(channels):
+            add_squares(c, row + 2, x, slope, weights_at(row, rows, weights), within, squares)
+        sums[row] = _weighed(squares, radius[row + 2, 2 : 2 + n])
+
+
 def tables(weights: NDArray[np.floating], columns: int) -> NDArray[np.floating]:
     """`up` for an image of this many columns: the squared weights (6,), 0 where a difference leaves it."""
     up = np.empty((3, 6, columns), weights.dtype)
