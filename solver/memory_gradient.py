@@ -159,12 +159,12 @@ def minimise(
         if progress is not None:
             progress(count, float(history[-1]) * scale, None)
     state.epsilon, fit = float(numbers[loop.EPSILON]), float(numbers[loop.FIT])
-    gap = float("nan")
+    gap, norms = float("nan"), prior.norms(state.x, state.slope)
     if certify:
-        dual = prior.duals(state.x, state.radius, state.slope, state.epsilon)
+        dual = prior.duals(state.x, state.radius, state.slope, state.epsilon, norms)
         fit, least = term.certify(state, dual, prior)
     state.fit = fit
-    value = fit + prior.value(state.x, state.radius, state.slope)
+    value = fit + float((state.radius * norms).sum(dtype=np.float64))
     if certify:
         gap = max(0.0, value - least) / value if value > 0 else 0.0
     return Outcome(state, len(history), value, gap, settled or gap <= tolerance)

@@ -60,7 +60,8 @@ def usual_deviation(distance: NDArray[np.float32], sigma: NDArray[np.float32]) -
 def spread(distance: NDArray[np.float32]) -> float:
     """The range of the distances without the outermost 2 % at either end: the scene's, not the outliers'."""
     values = kernels.thinned(distance, distance, _ENOUGH)
-    return _quantile(values, 0.98) - _quantile(values, 0.02)
+    low, high = _quantiles(values, (0.02, 0.98))
+    return high - low
 
 
 def relief(distance: NDArray[np.float32], sigma: NDArray[np.float32]) -> float:
@@ -70,17 +71,20 @@ def relief(distance: NDArray[np.float32], sigma: NDArray[np.float32]) -> float:
 
 def _picked(count: int) -> NDArray[np.int64]:
     """Frames spread over all of them."""
-    return np.linspace(0, count - 1, min(count, _FRAMES)).astype(np.int64)
+    picked = min(count, _FRAMES)
+    return np.arange(picked) * (count - 1) // max(1, picked - 1)
 
 
 def _median(values: NDArray[np.float32]) -> float:
-    return _quantile(values, 0.5)
+    return _quantiles(values, (0.5,))[0]
 
 
-def _quantile(values: NDArray[np.float32], share: float) -> float:
+def _quantiles(values: NDArray[np.float32], shares: tuple[float, ...]) -> list[float]:
     """Linear between ranks. NumPy's own take longer to start than a small image takes to fuse."""
-    rank = share * (len(values) - 1)
-    low = int(rank)
-    high = min(low + 1, len(values) - 1)
-    ranked = np.partition(values, (low, high))
-    return float(ranked[low]) + (rank - low) * (float(ranked[high]) - float(ranked[low]))
+    ranked, out = np.sort(values), []
+    for share in shares:
+        rank = share * (len(ranked) - 1)
+        low = int(rank)
+        below, above = float(ranked[low]), float(ranked[min(low + 1, len(ranked) - 1)])
+        out.append(below + (rank - low) * (above - below))
+    return out

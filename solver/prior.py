@@ -32,12 +32,6 @@ class Prior:
             np.float32,
         )
 
-    def value(
-        self, x: NDArray[np.floating], radius: NDArray[np.floating], slope: NDArray[np.floating] | None = None
-    ) -> float:
-        """Σ radius ‖∇x − slope‖₂ of a padded map (C, rows + 4, columns + 4); slope as in `solver.slope`."""
-        return float((radius * self.norms(x, slope)).sum(dtype=np.float64))
-
     def norms(
         self, x: NDArray[np.floating], slope: NDArray[np.floating] | None = None
     ) -> NDArray[np.floating]:
@@ -52,12 +46,13 @@ class Prior:
         radius: NDArray[np.floating],
         slope: NDArray[np.floating],
         epsilon: float,
+        norms: NDArray[np.floating],
     ) -> NDArray[np.floating]:
         """(C, 6, rows + 4, columns + 4): the gradient of radius ‖∇x − slope‖₂, its corner rounded below ε.
 
-        Its groups lie within balls of that radius, so it is a feasible dual variable.
+        Its groups lie within balls of that radius, so it is a feasible dual variable. norms: `norms` of x.
         """
-        norms, floor = self.norms(x, slope), x.dtype.type(epsilon)
+        floor = x.dtype.type(epsilon)
         out: NDArray[np.floating] = np.zeros((len(x), len(NEIGHBOURHOOD), *x.shape[1:]), x.dtype)
         team.share(dual.duals, x, slope, norms, radius, floor, self.tables(x), out)
         return out

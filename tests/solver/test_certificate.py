@@ -134,7 +134,7 @@ def test_the_gap_bounds_the_error_long_before_convergence() -> None:
 def test_what_unseen_pixels_leave_goes_to_seen_ones_around() -> None:
     rng = np.random.default_rng(4)
     x, weight = rng.normal(size=(1, 44, 54)), (rng.random((44, 54)) < 0.4).astype(float)
-    dual = Prior().duals(x, np.ones_like(x[0]), level(x), 1.0)
+    dual = Prior().duals(x, np.ones_like(x[0]), level(x), 1.0, Prior().norms(x))
     before = slope(dual, Prior().weights)[0]
     phi = potential(before, weight, 200)
     correct(0, 1, dual[0], phi, Prior().weights[:2].astype(float), np.full_like(x[0], 1e3))
@@ -146,7 +146,7 @@ def test_what_unseen_pixels_leave_goes_to_seen_ones_around() -> None:
 
 def test_groups_are_brought_into_their_balls_one_by_one() -> None:
     x = np.random.default_rng(4).normal(size=(1, 14, 24))
-    dual = Prior().duals(x, np.ones_like(x[0]), level(x), 1.0)
+    dual = Prior().duals(x, np.ones_like(x[0]), level(x), 1.0, Prior().norms(x))
     given = dual.copy()
     radius = np.full_like(x[0], 0.9)
     radius[:, :12] = 2.0
