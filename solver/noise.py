@@ -70,7 +70,8 @@ def relief(distance: NDArray[np.float32], sigma: NDArray[np.float32]) -> float:
 
 def _picked(count: int) -> NDArray[np.int64]:
     """Frames spread over all of them."""
-    return np.linspace(0, count - 1, min(count, _FRAMES)).astype(np.int64)
+    picked = min(count, _FRAMES)
+    return np.arange(picked) * (count - 1) // max(1, picked - 1)
 
 
 def _thinned(

@@ -69,8 +69,8 @@ class SparseTerm:
         self._weight, self._mean = _pad(weight), _pad(mean)
         self._twice = 2 * self._weight
         self._constant = constant
-        seen = weight > 0
-        self._low, self._high = float(mean[seen].min()), float(mean[seen].max())
+        seen = mean[weight > 0]
+        self._low, self._high = float(seen.min()), float(seen.max())
 
     @property
     def curvature(self) -> NDArray[np.floating]:

@@ -6,6 +6,8 @@
 import numpy as np
 from numba import njit
 
+from solver.kernels.view import view
+
 
 @njit(cache=True, fastmath=True)
 def potential(excess, weight, sweeps):  # type: ignore[no-untyped-def]
@@ -22,17 +24,20 @@ def potential(excess, weight, sweeps):  # type: ignore[no-untyped-def]
     for sweep in range(sweeps):
         for row in range(rows):
             i = row if sweep % 2 == 0 else rows - 1 - row
-            above, here, below = phi[i, 1:-1], phi[i + 1], phi[i + 2, 1:-1]
-            left, right, e, w = here[:-2], here[2:], excess[i], weight[i + 2, 2:-2]
+            above, below = view(phi, (i,), 1, columns), view(phi, (i + 2,), 1, columns)
+            left, here = view(phi, (i + 1,), 0, columns), view(phi, (i + 1,), 1, columns)
+            right, e = view(phi, (i + 1,), 2, columns), view(excess, (i,), 0, columns)
+            w = view(weight, (i + 2,), 2, columns)
             for j in range(columns):
                 mean = quarter * (above[j] + below[j] + left[j] + right[j] + e[j])
                 line[j] = none if w[j] > 0 else mean
-            here[1:-1] = line
-            here[0], here[columns + 1] = line[0], line[columns - 1]
+            for j in range(columns):
+                here[j] = line[j]
+            phi[i + 1, 0], phi[i + 1, columns + 1] = line[0], line[columns - 1]
             if i == 0:
-                phi[0] = here
+                phi[0] = phi[1]
             if i == rows - 1:
-                phi[rows + 1] = here
+                phi[rows + 1] = phi[rows]
     return phi
 
 
@@ -49,21 +54,22 @@ def correct(rank, size, dual, phi, unit, radius):  # type: ignore[no-untyped-def
     for row in range(rank * rows // size, (rank + 1) * rows // size):
         i = row + 2
         factor = np.zeros(n, dual.dtype)
-        here, right, below = phi[row + 1, 1:-1], phi[row + 1, 2:], phi[row + 2, 1:-1]
-        p0, p1, reach = dual[0, i, 2 : 2 + n], dual[1, i, 2 : 2 + n], radius[i, 2 : 2 + n]
+        here, right = view(phi, (row + 1,), 1, n), view(phi, (row + 1,), 2, n)
+        below = view(phi, (row + 2,), 1, n)
+        p0, p1, reach = view(dual, (0, i), 2, n), view(dual, (1, i), 2, n), view(radius, (i,), 2, n)
         # Few arrays a loop, so that the compiler can test that none overlap.
         for j in range(n):
             p0[j] -= across * (here[j] - right[j])
         for j in range(n):
             p1[j] -= along * (here[j] - below[j])
         for k in range(6):
-            p = dual[k, i, 2 : 2 + n]
+            p = view(dual, (k, i), 2, n)
             for j in range(n):
                 factor[j] += p[j] * p[j]
         for j in range(n):
             factor[j] = reach[j] / max(np.sqrt(factor[j]), reach[j])
         for k in range(6):
-            p = dual[k, i, 2 : 2 + n]
+            p = view(dual, (k, i), 2, n)
             for j in range(n):
                 p[j] *= factor[j]
 

@@ -4,6 +4,7 @@ import numpy as np
 from numba import njit
 
 from solver.kernels.prior import COLUMNS, ROWS
+from solver.kernels.view import view
 
 
 @njit(fastmath=True)
@@ -28,21 +29,21 @@ def _scale(a, b, out):  # type: ignore[no-untyped-def]
 def duals(rank, size, x, slope, norms, radius, epsilon, up, out):  # type: ignore[no-untyped-def]
     """out (C, 6, rows + 4, columns + 4) ← radius · (∇x − slope) / max(norms, ε), every group in its ball."""
     channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
-    x_type, slack = x.dtype.type, np.empty(n, x.dtype)
+    x_type, slack, roots = x.dtype.type, np.empty(n, x.dtype), np.sqrt(up)
     for row in range(rank * rows // size, (rank + 1) * rows // size):
-        i, weights = row + 2, np.sqrt(up[max(0, row + 3 - rows)])
+        i, kind = row + 2, max(0, row + 3 - rows)
         for j in range(n):
             slack[j] = radius[i, 2 + j] / max(norms[i, 2 + j], epsilon)
         for c in range(channels):
             for k in range(6):
                 down, right = ROWS[k], COLUMNS[k]
-                here, there = x[c, i, 2 : 2 + n], x[c, i + down, 2 + right : 2 + right + n]
-                target = out[c, k, i, 2 : 2 + n]
+                here, there = view(x, (c, i), 2, n), view(x, (c, i + down), 2 + right, n)
+                target = view(out, (c, k, i), 2, n)
                 _subtract(here, there, target)
                 if slope.shape[2] > 0:
-                    fall, run = slope[c, 0, i, 2 : 2 + n], slope[c, 1, i, 2 : 2 + n]
+                    fall, run = view(slope, (c, 0, i), 2, n), view(slope, (c, 1, i), 2, n)
                     _add_fall(x_type(down), fall, x_type(right), run, target)
-                _scale(slack, weights[k], target)
+                _scale(slack, view(roots, (kind, k), 0, n), target)
 
 
 @njit(nogil=True, fastmath=True, cache=True)
@@ -52,16 +53,17 @@ def transpose(rank, size, dual, weights, out):  # type: ignore[no-untyped-def]
     w0, w1, w2, w3, w4, w5 = weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
     for row in range(rank * rows // size, (rank + 1) * rows // size):
         i = row + 2
-        a0, b0 = dual[0, i, 2 : 2 + n], dual[0, i, 1 : 1 + n]
-        a1, b1 = dual[1, i, 2 : 2 + n], dual[1, i - 1, 2 : 2 + n]
-        a2, b2 = dual[2, i, 2 : 2 + n], dual[2, i - 1, 1 : 1 + n]
-        a3, b3 = dual[3, i, 2 : 2 + n], dual[3, i - 1, 3 : 3 + n]
-        a4, b4 = dual[4, i, 2 : 2 + n], dual[4, i, 0:n]
-        a5, b5 = dual[5, i, 2 : 2 + n], dual[5, i - 2, 2 : 2 + n]
+        a0, b0 = view(dual, (0, i), 2, n), view(dual, (0, i), 1, n)
+        a1, b1 = view(dual, (1, i), 2, n), view(dual, (1, i - 1), 2, n)
+        a2, b2 = view(dual, (2, i), 2, n), view(dual, (2, i - 1), 1, n)
+        a3, b3 = view(dual, (3, i), 2, n), view(dual, (3, i - 1), 3, n)
+        a4, b4 = view(dual, (4, i), 2, n), view(dual, (4, i), 0, n)
+        a5, b5 = view(dual, (5, i), 2, n), view(dual, (5, i - 2), 2, n)
+        target = view(out, (row,), 0, n)
         for j in range(n):
             slope = w0 * (float(a0[j]) - b0[j]) + w1 * (float(a1[j]) - b1[j])
             slope += w2 * (float(a2[j]) - b2[j]) + w3 * (float(a3[j]) - b3[j])
-            out[row, j] = slope + w4 * (float(a4[j]) - b4[j]) + w5 * (float(a5[j]) - b5[j])
+            target[j] = slope + w4 * (float(a4[j]) - b4[j]) + w5 * (float(a5[j]) - b5[j])
 
 
 @njit(fastmath=True, cache=True)

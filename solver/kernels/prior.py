@@ -120,7 +120,7 @@ def tables(weights: NDArray[np.floating], columns: int) -> NDArray[np.floating]:
     """`up` for an image of this many columns: the squared weights (6,), 0 where a difference leaves it."""
     up = np.empty((3, 6, columns), weights.dtype)
     up[:] = (weights**2)[:, None]
-    up[:, [0, 2], columns - 1 :] = 0
+    up[:, 0:3:2, columns - 1 :] = 0
     up[:, 3, :1] = 0
     up[:, 4, max(0, columns - 2) :] = 0
     up[1:, 5] = 0

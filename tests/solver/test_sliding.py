@@ -57,13 +57,13 @@ def long_stream(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("method", ["lidarboost", "area", "phasor"])
 def test_a_window_whose_frames_are_exchanged_gives_what_fuse_gives(method: str) -> None:
-    # A window of 10 is prepared at frame 9 and 20; frames 10 to 19 and 21 to 28 change places.
-    distance, amplitude, shifts = long_stream(29)
+    # A window of 10 is prepared with frame 9 and again with frame 30; those between only change places.
+    distance, amplitude, shifts = long_stream(34)
     options = FusionOptions(method=method)  # type: ignore[arg-type]
     sliding = SlidingFusion(options, window=10, ambiguity_range=7.5)
     for number, shift in enumerate(shifts):
         streamed = sliding.push(distance[number], amplitude[number], shift=shift)
-        if number < 19:
+        if number < 24:
             continue
         window = slice(number - 9, number + 1)
         whole = fuse(
