@@ -40,15 +40,14 @@ METHODS: tuple[Method, ...] = (
 )
 AMBIGUITY_RANGE = 400.0  # the object spans 0..182
 
-# Bytes that one iteration moves per fused pixel, float32, each array once a walk. Direction: map, last step,
-# data gradient (or the map that a diagonal operator draws to), slopes, radius and curvature read, stiffness
-# and direction written. Products: direction, step, stiffness, the operator's five stencil images and six
-# bytes of ties, its products with both; without a footprint its diagonal. Move: map, step, and with a
-# footprint data gradient and the step's product read and written, direction and its product read.
+# Bytes that one iteration moves per fused pixel, float32, each array once. By channel: map, last step and
+# direction read and written; the map that a diagonal operator draws to read, or with a footprint the data's
+# gradient and the products of direction and step read and written, and two slopes read. By pixel: radius and
+# curvature, with a footprint five stencil images and six bytes of ties.
 TRAFFIC = {
-    "lidarboost": 4 * (5 + 2 + 4 + 5),
-    "area": 4 * (7 + 2 + 7 + 1.5 + 3 + 10),
-    "phasor": 4 * (2 * (5 + 1 + 7 + 1.5 + 2 + 10) + 2 + 2),
+    "lidarboost": 4 * (6 + 1 + 2),
+    "area": 4 * (6 + 6 + 2 + 2 + 5 + 1.5),
+    "phasor": 4 * (2 * (6 + 6 + 2) + 2 + 5 + 1.5),
 }
 
 
