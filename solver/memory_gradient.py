@@ -214,13 +214,17 @@ def minimise(
     fit = term.value(state.x) if state.fit is None else state.fit
     epsilon = state.epsilon or _first_epsilon(prior.norms(state.x, state.slope))
     numbers = np.array([epsilon, fit, 0.0, 0.0, 0.0])
+    # Only maps with next to no gradients get there, as of a constant scene without noise; ε² would vanish.
+    finest = float(np.finfo(state.x.dtype).eps)
     history, settled = np.zeros(0), False
     while len(history) < limit and not settled:
         history = np.append(history, np.zeros(min(_BOUT, limit - len(history))))
         memory.iterate(
             term, prior, state, numbers, history, (tolerance, hide, _FALL, _PATIENCE, _REFRESH, span)
         )
-        count, settled = int(numbers[loop.DONE]), bool(numbers[loop.SETTLED])
+        count = int(numbers[loop.DONE])
+        settled = bool(numbers[loop.SETTLED]) or numbers[loop.EPSILON] <= finest
+        numbers[loop.EPSILON] = max(numbers[loop.EPSILON], finest)
         history = history[:count]
         if progress is not None:
             progress(count, float(history[-1]) * scale, None)
