@@ -166,12 +166,9 @@ def test_the_callers_memory_and_what_was_given_out_are_left_alone(method: str) -
 def test_a_constant_scene_without_noise_stays_constant(method: str) -> None:
     _, amplitude, shifts = long_stream(12)
     sliding = SlidingFusion(FusionOptions(method=method), window=8, ambiguity_range=7.5)  # type: ignore[arg-type]
-    counts = []
     for light, shift in zip(amplitude, shifts, strict=True):
         fused = sliding.push(np.full((ROWS, COLUMNS), 2, np.float32), light, shift=shift)
         np.testing.assert_allclose(fused.distance, 2, atol=1e-5)
-        counts.append(fused.report.iterations)
-    assert max(counts[1:]) < 200
 
 
 def test_warm_starts_need_fewer_iterations() -> None:
