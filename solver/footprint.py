@@ -109,7 +109,7 @@ class AreaTerm:
     ) -> None:
         """Put a frame, values (C, 1, H, W), weights (1, H, W), positions (1, H, W, 2), in the place of one.
 
-        The curvature stays as it was: it only has to be about right.
+        The curvature stays as it was: an iteration needs it about right, `certify` exactly.
         """
         slot = slice(number, number + 1)
         every, weight, nodes, fractions, spans = self._samples

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from solver.kernels import iteration as loop
 from solver.kernels import team
 from solver.kernels.prior import PAD
+from solver.padding import padded
 from solver.prior import Prior, level
 from solver.result import Progress
 
@@ -167,20 +168,6 @@ def start_at(x: Image) -> State:
     return State(x, np.ones_like(x[0]), level(x))
 
 
-def padded(image: Image) -> Image:
-    """(C, rows + 4, columns + 4): the image (C, rows, columns) within `PAD` zeros on every side."""
-    channels, rows, columns = image.shape
-    # np.pad takes longer than a small image's kernels.
-    out = np.zeros((channels, rows + 2 * PAD, columns + 2 * PAD), image.dtype)
-    out[:, PAD:-PAD, PAD:-PAD] = image
-    return out
-
-
-def cropped(image: Image, shape: tuple[int, int]) -> Image:
-    """(C, rows, columns): a larger image's middle, with as much left out on either side."""
-    return image[:, *(slice((n - m) // 2, (n + m) // 2) for n, m in zip(image.shape[1:], shape, strict=True))]
-
-
 def minimise(
     term: Term,
     prior: Prior,
@@ -212,7 +199,10 @@ def minimise(
     hide = _ROUNDING * tolerance if rounding is None else rounding
     memory = memory or Memory(state.x, diagonal=term.operator().footprint is None)
     fit = term.value(state.x) if state.fit is None else state.fit
+    finest = _finest(state.x)
+    nothing = 2 * finest * state.radius.size
     epsilon = state.epsilon or _first_epsilon(prior.norms(state.x, state.slope))
+    epsilon = epsilon if epsilon > finest else _LEAST
     numbers = np.array([epsilon, fit, 0.0, 0.0, 0.0])
     history, settled = np.zeros(0), False
     while len(history) < limit and not settled:
@@ -220,7 +210,9 @@ def minimise(
         memory.iterate(
             term, prior, state, numbers, history, (tolerance, hide, _FALL, _PATIENCE, _REFRESH, span)
         )
-        count, settled = int(numbers[loop.DONE]), bool(numbers[loop.SETTLED])
+        count = int(numbers[loop.DONE])
+        settled = bool(numbers[loop.SETTLED]) or history[count - 1] <= nothing
+        numbers[loop.EPSILON] = max(numbers[loop.EPSILON], finest)
         history = history[:count]
         if progress is not None:
             progress(count, float(history[-1]) * scale, None)
@@ -239,6 +231,14 @@ def minimise(
 def _first_epsilon(norms: Image) -> float:
     mean = float(norms[PAD:-PAD, PAD:-PAD].mean())
     return min(max(mean, _LEAST), _EPSILON) if mean > 0 else _EPSILON
+
+
+def _finest(x: Image) -> float:
+    """The differences that a map's own rounding makes; ε does not fall below them.
+
+    Only where there is next to no gradient would it, as in a constant scene without noise, until ε² vanishes.
+    """
+    return float(np.finfo(x.dtype).eps) * max(1.0, float(x.max()), -float(x.min()))
 
 
 def _zeros(like: Image) -> Image:

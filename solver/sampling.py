@@ -15,7 +15,8 @@ from solver.kernels import bound as bounds
 from solver.kernels import sparse as kernels
 from solver.kernels import team
 from solver.kernels.prior import PAD
-from solver.memory_gradient import Operator, State, padded
+from solver.memory_gradient import Operator, State
+from solver.padding import padded
 from solver.prior import Prior
 
 _SWEEPS = 8

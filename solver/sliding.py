@@ -2,7 +2,6 @@
 
 import time
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from solver import checks
 from solver import noise as noise_law
 from solver.errors import FusionInputError, RegistrationError
+from solver.following import Follower
 from solver.fusion import resolve, warn_unconverged
 from solver.methods import load
 from solver.options import FusionOptions
@@ -22,12 +22,6 @@ from solver.window import Window
 
 _LOST = 5
 """Frames in a row that do not fit, after which the scene is taken for another one."""
-
-_FEW = 6
-"""Frames that are registered together: a mosaic of fewer is aliased, and what it misplaces would stay."""
-
-if TYPE_CHECKING:
-    from solver.registration import Track
 
 
 class SlidingFusion:
@@ -69,9 +63,9 @@ class SlidingFusion:
     def reset(self) -> None:
         """Forget every frame; the next one pushed fixes the grid."""
         self._window = Window(self._size, self._space)
+        self._follower = Follower(self._size, self._space, self._range)
         self._pushed, self._misfits = 0, 0
         self._last: Solution | None = None
-        self._track: Track | None = None
 
     def push(
         self,
@@ -95,10 +89,12 @@ class SlidingFusion:
                 starts the stream over instead, and the notes of the report say so.
         """
         begin = time.perf_counter()
-        frame = checks.check_frames(np.asarray(distance)[None])[0]
-        light = checks.check_amplitude(
+        # Copies: the window outlives the call, after which the caller may fill the same memory anew.
+        frame = checks.check_frames(np.asarray(distance)[None])[0].copy()
+        lights = checks.check_amplitude(
             None if amplitude is None else np.asarray(amplitude)[None], (1, *frame.shape)
         )
+        light = None if lights is None else lights[0].copy()
         self._check_like(frame, light)
         options = replace(self._options, method=resolve(self._options.method, light, self._range))
         given = self._given(shift, rotation)
@@ -106,31 +102,45 @@ class SlidingFusion:
         if initial is not None:
             guess = checks.check_vectors("initial", np.asarray(initial)[None], 1, (len(self._window.grid),))
         with enough_threads(frame.size * options.upsampling**2):
-            notes: tuple[str, ...] = ()
-            if given is None:
-                pose, notes = self._follow(frame, light, None if guess is None else guess[0])
-            else:
-                pose, self._track = given, None
-            self._misfits = 0
-            registered = time.perf_counter()
-            notes += self._append(frame, None if light is None else light[0], pose)
-            return self._fuse(options, notes, begin, registered)
+            try:
+                notes: tuple[str, ...] = ()
+                if given is None:
+                    pose, notes = self._follow(frame, light, None if guess is None else guess[0])
+                else:
+                    pose = given
+                    self._follower.forget()
+                self._misfits = 0
+                registered = time.perf_counter()
+                notes += self._append(frame, light, pose)
+                return self._fuse(options, notes, begin, registered)
+            except RegistrationError:
+                raise
+            except BaseException:
+                self._window.renew()  # what was begun may have got half-way
+                self._forget()
+                raise
+
+    def _forget(self) -> None:
+        """Have the next map start anew, from the frames of the window alone."""
+        self._last = None
+        self._follower.forget()
 
     def _follow(
         self,
         frame: NDArray[np.float32],
         light: NDArray[np.float32] | None,
-        guess: NDArray[np.float64] | None,
-    ) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+        guess: Pose | None,
+    ) -> tuple[Pose, tuple[str, ...]]:
         """The pose of a frame, and notes; after a run of misfits the frames before are forgotten."""
         try:
-            return self._register(frame, light, guess), ()
-        except RegistrationError:
+            return self._follower.pose(self._window, frame, light, guess), ()
+        except RegistrationError as error:
             self._misfits += 1
             if self._misfits < _LOST:
-                raise
+                why = f"frame {self._pushed} does not fit the ones before: {error}"
+                raise RegistrationError(why) from error
         self._window.clear()
-        self._last, self._track = None, None
+        self._forget()
         why = f"the stream started over at frame {self._pushed}: {_LOST} frames in a row did not fit"
         return self._window.grid if guess is None else guess, (why,)
 
@@ -159,60 +169,6 @@ class SlidingFusion:
         vector = checks.check_vectors(name, np.asarray(value)[None], 1, (len(self._window.grid),))
         return None if vector is None else vector[0]
 
-    def _register(
-        self,
-        frame: NDArray[np.float32],
-        light: NDArray[np.float32] | None,
-        guess: NDArray[np.float64] | None,
-    ) -> NDArray[np.float64]:
-        """The pose of a frame, which follows the track of the ones before."""
-        if not self._window.entries:
-            return np.zeros_like(self._window.grid)
-        image = None if light is None else light[0]
-        if len(self._window.entries) < _FEW:
-            return self._among_few(frame, image, guess)
-        from solver.registration import Track
-
-        entries, grid = self._window.entries, self._window.grid
-        if self._track is None:
-            self._track = Track(self._size, self._matrix, self._lens, self._range)
-            for entry in entries:
-                self._track.add(entry.distance, entry.amplitude, entry.relative)
-        first = entries[-1].relative if guess is None else self._space.relative(guess, grid)
-        try:
-            return self._space.composed(grid, self._track.follow(frame, image, first))
-        except RegistrationError as error:
-            raise RegistrationError(self._misfit(str(error))) from error
-
-    def _among_few(
-        self,
-        frame: NDArray[np.float32],
-        image: NDArray[np.float32] | None,
-        guess: NDArray[np.float64] | None,
-    ) -> NDArray[np.float64]:
-        from solver.registration import register
-
-        entries = list(self._window.entries)
-        base = entries[0].pose
-        poses = [self._space.relative(entry.pose, base) for entry in entries]
-        poses.append(poses[-1] if guess is None else self._space.relative(guess, base))
-        lights = [entry.amplitude for entry in entries if entry.amplitude is not None]
-        found = register(
-            np.stack([*(entry.distance for entry in entries), frame]),
-            None if image is None else np.stack([*lights, image]),
-            intrinsics=self._matrix,
-            distortion=self._lens,
-            initial=np.stack(poses),
-            ambiguity_range=self._range,
-        )
-        if len(entries) in found.rejected:
-            raise RegistrationError(self._misfit(found.rejected[len(entries)]))
-        moved = (found.shifts if found.rotations is None else found.rotations)[-1]
-        return self._space.composed(base, moved)
-
-    def _misfit(self, why: str) -> str:
-        return f"frame {self._pushed} does not fit the ones before: {why}"
-
     def _append(
         self, frame: NDArray[np.float32], light: NDArray[np.float32] | None, pose: Pose
     ) -> tuple[str, ...]:
@@ -223,19 +179,16 @@ class SlidingFusion:
         self._pushed += 1
         if not self._window.add(number, frame, light, pose, noise):
             return ()
-        self._last, self._track = None, None
+        self._forget()
         return (f"the grid moved to frame {number}: it overlapped the former one by less than half",)
 
     def _fuse(self, options: FusionOptions, notes: tuple[str, ...], begin: float, registered: float) -> Fused:
-        try:
-            problem = self._window.problem(options, self._range)
-            solution = load(options.method)(problem, initial=self._last)
-        except BaseException:
-            self._window.renew()  # it may have got half-way
-            raise
+        problem = self._window.problem(options, self._range)
+        solution = load(options.method)(problem, initial=self._last)
         self._last = solution
         distance, spread = complete(problem, solution)
-        if not solution.converged and problem.exchanged is None:
+        going_on = problem.exchanged is not None and solution.trail is not None
+        if not solution.converged and not going_on:
             warn_unconverged(options, solution, stacklevel=4)
         entries = self._window.entries
         relative = np.stack([entry.relative for entry in entries])

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.footprint import AreaTerm
-from solver.memory_gradient import Outcome, cropped
+from solver.memory_gradient import Outcome
 from solver.noise import relief
+from solver.padding import cropped
 from solver.prior import Prior
 from solver.problem import Problem, Solution
 from solver.result import Progress

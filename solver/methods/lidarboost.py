@@ -9,7 +9,7 @@ CVPR 2009. The whole image is solved at once; W_k is sparse (one fused pixel und
 import numpy as np
 
 from solver.fill import smoothed
-from solver.memory_gradient import cropped
+from solver.padding import cropped
 from solver.prior import Prior
 from solver.problem import Problem, Solution
 from solver.result import Progress

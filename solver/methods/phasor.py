@@ -17,7 +17,7 @@ from solver.errors import FusionInputError
 from solver.footprint import AreaTerm
 from solver.kernels import phasor as phasors
 from solver.kernels import team
-from solver.memory_gradient import cropped
+from solver.padding import cropped
 from solver.plausibility import around
 from solver.prior import Prior
 from solver.problem import Problem, Solution

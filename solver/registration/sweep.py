@@ -46,7 +46,7 @@ def sweep_and_fade(
 @numba.njit(cache=True, nogil=True)
 def _sweep(rank, size, sums, image, into, strength, epsilon2):  # type: ignore[no-untyped-def]
     rows, columns = image.shape[1:]
-    scratch = np.zeros((9, columns), np.float32)
+    scratch = np.zeros((8, columns), np.float32)
     for band in range(rank, BANDS, size):
         begin, end = band * rows // BANDS, (band + 1) * rows // BANDS
         _stiffen(image, begin - 1, strength, epsilon2, scratch)
@@ -59,7 +59,7 @@ def _sweep(rank, size, sums, image, into, strength, epsilon2):  # type: ignore[n
 @numba.njit(cache=True, nogil=True)
 def _sweep_and_fade(rank, size, barrier, sums, image, into, strength, epsilon2, keep, rest):  # type: ignore[no-untyped-def]
     rows, columns = image.shape[1:]
-    scratch = np.zeros((9, columns), np.float32)
+    scratch = np.zeros((8, columns), np.float32)
     for band in range(rank, BANDS, size):
         begin, end = band * rows // BANDS, (band + 1) * rows // BANDS
         _stiffen(image, begin - 1, strength, epsilon2, scratch)

@@ -5,6 +5,8 @@ import pytest
 
 from solver import FusionInputError, FusionOptions, RegistrationError, SlidingFusion, fuse
 from solver.evaluation import DepthMap, make_trial, procedural_object
+from solver.preparation import exchange
+from solver.problem import Problem
 
 ROWS, COLUMNS = 20, 24
 SHIFTS = np.array([[0, 0], [0.25, 0.5], [-0.5, 0.25], [0.5, -0.25], [-0.25, -0.4], [0.1, 0.6]])
@@ -116,6 +118,57 @@ def test_a_full_window_survives_a_frame_that_cannot_be_fused(monkeypatch: pytest
 
 def _interrupted(*_: object, **__: object) -> None:
     raise KeyboardInterrupt
+
+
+def test_a_full_window_survives_an_exchange_that_got_half_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    distance, amplitude, shifts = long_stream(12)
+    options, known = FusionOptions(method="area"), {"ambiguity_range": 7.5, "noise": 5.0}
+    sliding = SlidingFusion(options, window=8, **known)
+    for frame, light, shift in zip(distance[:10], amplitude, shifts, strict=False):
+        sliding.push(frame, light, shift=shift)
+
+    def half_way(problem: Problem, slot: int, *frame: np.ndarray) -> bool:
+        exchange(problem, slot, *frame)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("solver.window.exchange", half_way)
+        with pytest.raises(KeyboardInterrupt):
+            sliding.push(distance[10], amplitude[10], shift=shifts[10])
+    fused = sliding.push(distance[11], amplitude[11], shift=shifts[11])
+    whole = fuse(distance[4:], amplitude[4:], shifts=shifts[4:], options=options, **known)
+    np.testing.assert_allclose(fused.distance, whole.distance, atol=1e-5)
+
+
+@pytest.mark.parametrize("method", ["nearest", "shift-and-add", "mrf", "lidarboost", "area", "phasor"])
+def test_the_callers_memory_and_what_was_given_out_are_left_alone(method: str) -> None:
+    distance, amplitude, shifts = long_stream(12)
+    options = FusionOptions(method=method)  # type: ignore[arg-type]
+    streams = [SlidingFusion(options, window=8, ambiguity_range=7.5) for _ in range(2)]
+    given, kept = [], []
+    frame, light = np.empty_like(distance[0]), np.empty_like(amplitude[0])
+    for number, shift in enumerate(shifts):
+        before = distance[number].copy()
+        given.append(streams[0].push(distance[number], amplitude[number], shift=shift))
+        np.testing.assert_array_equal(distance[number], before)
+        kept.append((given[-1].distance.copy(), given[-1].deviation.copy(), given[-1].shifts.copy()))
+        # A camera that writes each frame to the same place.
+        frame[:], light[:] = distance[number], amplitude[number]
+        again = streams[1].push(frame, light, shift=shift)
+        np.testing.assert_array_equal(again.distance, given[-1].distance)
+        np.testing.assert_array_equal(again.deviation, given[-1].deviation)
+    for fused, images in zip(given, kept, strict=True):
+        for found, image in zip((fused.distance, fused.deviation, fused.shifts), images, strict=True):
+            np.testing.assert_array_equal(found, image)
+
+
+@pytest.mark.parametrize("method", ["lidarboost", "area", "phasor"])
+def test_a_constant_scene_without_noise_stays_constant(method: str) -> None:
+    _, amplitude, shifts = long_stream(12)
+    sliding = SlidingFusion(FusionOptions(method=method), window=8, ambiguity_range=7.5)  # type: ignore[arg-type]
+    for light, shift in zip(amplitude, shifts, strict=True):
+        fused = sliding.push(np.full((ROWS, COLUMNS), 2, np.float32), light, shift=shift)
+        np.testing.assert_allclose(fused.distance, 2, atol=1e-5)
 
 
 def test_warm_starts_need_fewer_iterations() -> None:

@@ -1,0 +1,55 @@
+"""Sweeps over a mosaic's equations get nearer to their solution, by any number of threads."""
+
+import numba
+import numpy as np
+
+from solver.evaluation import DepthMap, make_trial, procedural_object
+from solver.registration.alignment import DENSITY, SMOOTHING
+from solver.registration.grid import Grid
+from solver.registration.motion import Shift
+from solver.registration.points import Points
+from solver.registration.samples import scaling
+from solver.registration.sums import Sums
+from solver.registration.sweep import EPSILON, sweep, sweep_and_fade
+
+
+def test_a_sweep_that_fades_is_a_sweep_and_lowers_what_is_minimised():
+    depth = DepthMap(procedural_object(), oversampling=2)
+    trial = make_trial(depth, variance=0.7, seed=2)
+    samples = scaling(trial.distance[:3], None, None)(trial.distance[:3], None)
+    points = Points.of(samples, Shift().base(samples), np.ones(3, np.bool_))
+    place = Shift().place(points, np.pad(trial.shifts[:3], ((0, 0), (0, 1))))
+    sums = Sums(Grid.over(place, points.shape, DENSITY), points.values.shape[1])
+    sums.add(points, place)
+    image = sums.solve(smoothing=SMOOTHING, sweeps=1).values.copy()
+    rest = np.random.default_rng(1).normal(size=sums.images.shape).astype(np.float32)
+    expected = np.empty_like(image)
+    sweep(sums.images, image, expected, SMOOTHING, DENSITY)
+    faded = np.float32(0.9) * sums.images + (np.float32(1) - np.float32(0.9)) * rest
+    threads = numba.get_num_threads()
+    try:
+        for count in (1, numba.config.NUMBA_NUM_THREADS):
+            numba.set_num_threads(count)
+            images, found = sums.images.copy(), np.empty_like(image)
+            sweep_and_fade(images, image, found, SMOOTHING, DENSITY, 0.9, rest)
+            np.testing.assert_array_equal(found, expected)
+            np.testing.assert_allclose(images, faded, atol=1e-6 * np.abs(faded).max())
+    finally:
+        numba.set_num_threads(threads)
+    once, twice = (_misfit(sums.images, u) for u in (image, expected))
+    assert twice < once
+
+
+def _misfit(sums, image):
+    """Uᵀ M U − 2 bᵀ U + 2 λ Σ √(|∇U|² + ε²) of a mosaic U (C, rows, columns)."""
+    S, b = sums[:5].astype(float), sums[5:].astype(float)
+    u = image.astype(float)
+    pairs = u[:, :, :-1] * u[:, :, 1:], u[:, :-1] * u[:, 1:]
+    diagonals = u[:, :-1, :-1] * u[:, 1:, 1:], u[:, :-1, 1:] * u[:, 1:, :-1]
+    value = (S[0] * u * u).sum() - 2 * (b * u).sum()
+    value += 2 * (S[1, :, :-1] * pairs[0]).sum() + 2 * (S[2, :-1] * pairs[1]).sum()
+    value += 2 * (S[3, :-1, :-1] * diagonals[0]).sum() + 2 * (S[4, :-1, 1:] * diagonals[1]).sum()
+    down, across = np.diff(u, axis=1) ** 2, np.diff(u, axis=2) ** 2
+    square = np.pad(down, ((0, 0), (1, 0), (0, 0))) + np.pad(down, ((0, 0), (0, 1), (0, 0)))
+    square += np.pad(across, ((0, 0), (0, 0), (1, 0))) + np.pad(across, ((0, 0), (0, 0), (0, 1)))
+    return value + 2 * SMOOTHING * np.sqrt(0.5 * square.sum(axis=0) + (EPSILON / DENSITY) ** 2).sum()
