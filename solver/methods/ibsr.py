@@ -7,7 +7,7 @@ Z is the median shift-and-add map, A the square root of the number of samples at
 point spread function. Sources: Farsiu, Robinson, Elad, Milanfar, "Fast and Robust Multiframe Super
 Resolution", IEEE TIP 13(10), 2004; Schuon, Theobalt, Davis, Thrun, "High-quality scanning using
 time-of-flight depth superresolution", CVPR workshops 2008; the settings are those of the LidarBoost paper
-(CVPR 2009).
+(CVPR 2009), whose λ is 0.04; `auto` is another one.
 """
 
 import cv2
@@ -22,8 +22,11 @@ from solver.result import Progress
 
 Image = NDArray[np.float32]
 
-LAMBDA, ITERATIONS, ALPHA, STEP, REACH = 0.04, 50, 0.7, 1.0, 5
+ITERATIONS, ALPHA, STEP, REACH = 50, 0.7, 1.0, 5
 RANGE = 182.0  # the step is fixed in units of depth, and the paper's object spans 0..182
+LEAST, NOISE = 0.02, 10.0
+"""λ of `auto` = 0.02 √(1 + (σ / 10)²), the scene's range being 182. The paper's 0.04 has up to 1.2 times the RMS error
+and 1.4 times the mean absolute one of the best λ on two depth maps and two recordings (measured)."""
 PSF = np.outer([0.25, 0.5, 0.25], [0.25, 0.5, 0.25]).astype(np.float32)  # Gaussian 3 × 3
 
 
@@ -41,7 +44,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         known = np.isfinite(initial.distance)
         image = np.where(known, (initial.distance - low) * scale, image).astype(np.float32)
     given = problem.options.regularization
-    strength = LAMBDA if given == "auto" else float(given)
+    strength = _automatic(problem) if given == "auto" else float(given)
     root = np.sqrt(count).astype(np.float32)
     steps = min(ITERATIONS, problem.options.max_iterations)
     for step in range(steps):
@@ -57,6 +60,11 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         None,
         steps == ITERATIONS,
     )
+
+
+def _automatic(problem: Problem) -> float:
+    share = problem.usual_deviation / problem.spread if problem.spread > 0 else 0.0
+    return float(LEAST * np.hypot(1, RANGE * min(share, 1.0) / NOISE))
 
 
 def _slope(image: Image, target: Image, root: Image, strength: float) -> Image:

@@ -39,7 +39,7 @@ METHODS: tuple[Method, ...] = ("ibsr", "mrf", "lidarboost", "area", "phasor")
 FACTORS = (1 / 8, 1 / 4, 1 / 2, 1.0, 2.0, 4.0, 8.0)
 ENOUGH = 1.10  # of the best error: nobody would turn λ for less
 NOTES = """\
-ibsr: `auto` is the paper's λ, 0.04, whatever the noise.
+ibsr: the paper's λ is 0.04.
 mrf: guided by the fused amplitude of the recordings; the other scenes have none, and all links are equal.
 phasor: needs amplitude, which the built-in object and the figure lack: left out there."""
 

@@ -95,7 +95,8 @@ def test_ibsr_works_in_the_papers_range_whatever_the_unit():
     # Rounding decides the sign of differences near zero, so the two descents wander apart, but not away.
     there = errors((metres.distance - 2) * 100, trial.truth).mse
     assert there == pytest.approx(errors(paper.distance, trial.truth).mse, rel=0.01)
-    assert paper.report.regularization == 0.04
+    assert paper.report.regularization == pytest.approx(metres.report.regularization, rel=1e-3)
+    assert 0.02 < paper.report.regularization < 0.022  # little noise
     assert paper.report.iterations == 50
     assert paper.report.converged
 
@@ -106,8 +107,12 @@ def test_ibsr_at_the_papers_settings(variance):
     with np.load(SHARED / "bunny_depth.npz") as data:
         trial = make_trial(DepthMap(data["fine"], oversampling=4), variance=variance, seed=0)
     frame = errors(run("nearest", trial.distance, trial.shifts).distance, trial.truth).mse
-    ratio = errors(run("ibsr", trial.distance, trial.shifts).distance, trial.truth).mse / frame
-    assert 0.3 < ratio < 0.65
+    paper, automatic = (
+        errors(run("ibsr", trial.distance, trial.shifts, regularization=strength).distance, trial.truth).mse
+        for strength in (0.04, "auto")
+    )
+    assert 0.3 < paper / frame < 0.65
+    assert automatic < 1.05 * paper
 
 
 def test_ibsr_flattens_a_constant_scene_to_itself():
