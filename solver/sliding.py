@@ -31,6 +31,9 @@ class SlidingFusion:
     newest frame overlaps it by less than half; then the grid moves to the newest frame and the notes of
     the report say so. A map that starts from the one before is not certified: its report has no gap.
 
+    A full window of at least 8 frames is solved anew only now and then (see `solver.window`). Between, one
+    frame is exchanged and a few iterations follow the data; `converged` says whether those were enough.
+
     Args:
         options: as for `fuse`.
         window: N, how many frames are fused; fewer are fused as they are.
