@@ -98,7 +98,7 @@ def test_a_dark_frame_in_a_full_window_changes_little(method: str) -> None:
         whole = fuse(distance[window], amplitude[window], shifts=shifts[window], options=options, **known)
         difference = np.abs(fused[number].distance - whole.distance)[8:-8, 8:-8]
         assert np.median(difference) < 0.003  # noise of 5 mm
-        assert np.percentile(difference, 95) < 0.02
+        assert np.percentile(difference, 95) < 0.03  # `fuse` learns its weights from the darker sum
 
 
 def test_a_full_window_survives_a_frame_that_cannot_be_fused(monkeypatch: pytest.MonkeyPatch) -> None:
