@@ -41,7 +41,7 @@ def total_frames(daemon: Daemon) -> int:
     return daemon.configuration.fusion.frames if recording is None else recording.frame_count
 
 
-_WARMING = "warming up: on its first run here the fusion compiles its kernels, for up to two minutes"
+_WARMING = "warming up: on its first run here the fusion compiles its kernels, for about two minutes"
 
 
 class _Bar(Watch):
