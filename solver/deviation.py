@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 
 from solver.kernels import deviation as kernels
 from solver.kernels import team
+from solver.options import SINGLE
 from solver.problem import Problem, Solution
 
 _LEVEL, _SLOPED = (0.33, 0.14, 0.21), {"area": (0.18, 0.03, 0.03), "phasor": (0.17, 0.03, 0.08)}
 """Floor, share of σ / λ, and b: for a prior of first order, and by method for one that lets ramps pass."""
-
-_SINGLE = ("nearest", "bicubic")
-"""Methods that show one frame."""
 
 _LEAST = 0.01
 """Samples that stand for none: blurred rounding errors are no samples."""
@@ -41,7 +39,7 @@ def deviation(
     floor, share, shift = _SLOPED.get(problem.options.method, _LEVEL)
     relative = solution.relative
     smoothing = 1.0 if relative is None else float(np.hypot(floor, share / relative))
-    frames = len(problem.distance) if problem.options.method in _SINGLE else 1
+    frames = len(problem.distance) if problem.options.method in SINGLE else 1
     each = factor**2 / frames  # samples, for one on average
     out = np.empty_like(distance)
     team.share(

@@ -83,13 +83,16 @@ class AreaTerm:
             )
         team.share(kernels.accumulate, *self._samples, self._stencil, self._side)
         self._blurred = np.zeros((len(values), *nodes), kind)
-        # A footprint's row sum bounds its curvature; half of it was measured to need the fewest iterations.
-        inside = np.zeros((1, rows + 2 * PAD, columns + 2 * PAD), kind)
+        self.curvature: NDArray[np.floating] = self._row_sums()
+
+    def _row_sums(self) -> NDArray[np.floating]:
+        """Half of them: a row's sum bounds its curvature; half was measured to need the fewest iterations."""
+        inside = np.zeros((1, self.shape[1] + 2 * PAD, self.shape[2] + 2 * PAD), self._side.dtype)
         inside[:, PAD:-PAD, PAD:-PAD] = 1
         sums = np.zeros_like(inside)
-        self._transform(inside, np.zeros((1, 0, 0), kind), sums)
-        self.curvature: NDArray[np.floating] = sums[0]
-        self.curvature *= 0.5
+        self._transform(inside, np.zeros((1, 0, 0), inside.dtype), sums)
+        sums *= 0.5
+        return np.asarray(sums[0])
 
     def _placed(
         self, values: NDArray[np.floating], weights: NDArray[np.floating], positions: NDArray[np.float32]
@@ -121,6 +124,27 @@ class AreaTerm:
         team.share(kernels.accumulate, *after, self._stencil, self._side)
         for image, new in zip(kept, after, strict=True):
             image[...] = new
+
+    def distrust(self, x: NDArray[np.floating], noise: float, slack: float) -> None:
+        """Weigh down samples that the padded map x does not explain.
+
+        A residual r beyond a = noise / √weight + slack multiplies the weight by (a / r)²: one step of
+        iteratively reweighted least squares (Holland, Welsch, "Robust regression using iteratively
+        reweighted least-squares", 1977) whose influence falls with the residual.
+
+        Args:
+            noise: the usual residual's bound, for a sample of weight 1.
+            slack: what the model may err by without noise.
+        """
+        team.share(blur.blur, x, self._taps, self._size, self._blurred)
+        values, weights, nodes, fractions, spans = self._samples
+        lost, found, kind = np.zeros_like(weights), np.empty_like(spans), weights.dtype.type
+        bounds = kind(noise), kind(slack)
+        team.share(kernels.distrust, *self._samples, self._blurred, *bounds, lost, found)
+        if lost.any():
+            team.share(kernels.accumulate, values, lost, nodes, fractions, found, self._stencil, self._side)
+            weights += lost
+            self.curvature = self._row_sums()
 
     def operator(self) -> Operator:
         return Operator((self._stencil, self._side, self._taps, self._size))

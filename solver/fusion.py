@@ -115,6 +115,7 @@ def fuse(
         noise=problem.noise,
         used=tuple(used),
         rejected=poses.rejected,
+        contradicted=problem.contradicted,
     )
     return Fused(fused, spread, solution.amplitude, poses.shifts, poses.rotations, report)
 

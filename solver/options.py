@@ -5,6 +5,8 @@ from typing import Literal
 
 Method = Literal["auto", "nearest", "bicubic", "shift-and-add", "ibsr", "mrf", "lidarboost", "area", "phasor"]
 
+SINGLE: tuple[Method, ...] = ("nearest", "bicubic")
+"""Methods that show one frame."""
 
 Offset = tuple[int, int]
 

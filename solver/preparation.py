@@ -1,14 +1,17 @@
 """From registered frames to a method's problem, and from its solution to the finished map."""
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from solver import noise as noise_law
+from solver.consensus import MAJORITY, Consensus
 from solver.deviation import deviation
 from solver.errors import FusionInputError
 from solver.fill import reach, smooth
 from solver.kernels import noise as kernels
-from solver.options import FusionOptions
+from solver.options import SINGLE, FusionOptions
 from solver.problem import Problem, Solution
 
 
@@ -24,7 +27,8 @@ def prepare(
 ) -> Problem:
     """The problem of fusing (N, H, W) frames that look at positions (N, H, W, 2).
 
-    Dark samples are left out by the methods' own rule, samples without a position always.
+    Dark samples are left out by the methods' own rule, samples without a position always, and so are those
+    that the other frames contradict, unless the method shows one frame.
 
     Raises:
         FusionInputError: no sample is left.
@@ -44,7 +48,14 @@ def prepare(
                 f"every pixel's amplitude is under amplitude_threshold {threshold:g} (highest "
                 f"{np.nanmax(amplitude):g}); lower the threshold or expose longer"
             )
-    return Problem(distance, amplitude, positions, sigma, noise, ambiguity_range, guide, options, threshold)
+    consensus = None
+    if len(distance) >= MAJORITY and options.method not in SINGLE:
+        consensus = Consensus(distance, sigma, positions, _turns(options, ambiguity_range))
+        consensus.judge()
+        distance = consensus.kept()
+    problem = Problem(distance, amplitude, positions, sigma, noise, ambiguity_range, guide, options)
+    problem.threshold, problem.consensus = threshold, consensus
+    return problem
 
 
 def exchange(
@@ -56,22 +67,36 @@ def exchange(
 ) -> bool:
     """Put a frame (H, W) that looks at positions (H, W, 2) in the place of frame `slot`.
 
-    Noise, threshold and what else was learned of all frames stay. Returns whether the frame has a sample.
+    Noise, threshold and what else was learned of all frames stay. Frames of which the new one changes what
+    agrees are exchanged as well. Returns whether the frame has a sample.
     """
-    problem.count(slice(slot, slot + 1), problem.precision, -1)
-    problem.exchanged, problem.positions[slot] = slot, positions
+    _count(problem, [slot], -1)
+    problem.positions[slot] = positions
     lost = np.isnan(positions[..., 0])
     if lost.any():
         distance = np.where(lost, np.float32(np.nan), distance)
     if problem.amplitude is None or amplitude is None:
         problem.distance[slot] = distance
-        count = int(np.isfinite(distance).sum())
     else:
         problem.amplitude[slot] = amplitude
-        kept, sigma = problem.distance[slot], problem.sigma[slot]
-        count = _light(distance, amplitude, problem.noise, problem.threshold, sigma, kept)
-    problem.count(slice(slot, slot + 1), problem.precision, 1)
-    return count > 0
+        lit, sigma = problem.distance[slot], problem.sigma[slot]
+        _light(distance, amplitude, problem.noise, problem.threshold, sigma, lit)
+    others: list[int] = []
+    if problem.consensus is not None:
+        problem.consensus.measured[slot] = problem.distance[slot]
+        problem.consensus.judge(slice(slot, slot + 1))
+        others = [number for number in problem.consensus.changed(problem.distance) if number != slot]
+        _count(problem, others, -1)
+        for number in (slot, *others):
+            problem.distance[number] = problem.consensus.kept(number)
+    problem.exchanged = (slot, *others)
+    _count(problem, problem.exchanged, 1)
+    return bool(np.isfinite(problem.distance[slot]).any())
+
+
+def _count(problem: Problem, frames: Iterable[int], sign: int) -> None:
+    for number in frames:
+        problem.count(slice(number, number + 1), problem.precision, sign)
 
 
 def complete(problem: Problem, solution: Solution) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -84,6 +109,11 @@ def complete(problem: Problem, solution: Solution) -> tuple[NDArray[np.float32],
         distance, beyond = smooth(solution.distance, known)
         np.maximum(away, beyond, out=away)
     return distance, deviation(problem, solution, away, distance)
+
+
+def _turns(options: FusionOptions, ambiguity_range: float | None) -> float:
+    """The ambiguity range where the method does not mind whole ones, else 0."""
+    return ambiguity_range or 0.0 if options.method == "phasor" else 0.0
 
 
 def _threshold(

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver import noise as noise_law
+from solver.consensus import Consensus
 from solver.kernels import sparse, team
 from solver.options import FusionOptions
 from solver.result import Progress
@@ -28,7 +29,8 @@ class Problem:
         guide: (βH, βW) float32 intensity, or None.
         options: the caller's choices, `method` already resolved.
         threshold: the amplitude under which samples were left out; 0 = none were.
-        exchanged: the number of the frame that alone has changed since it was solved last, or None.
+        consensus: what the frames say together, or None where they are too few to outvote one.
+        exchanged: numbers of the frames that alone have changed since it was solved last; empty = all.
     """
 
     distance: NDArray[np.float32]
@@ -40,7 +42,13 @@ class Problem:
     guide: NDArray[np.float32] | None
     options: FusionOptions
     threshold: float = 0.0
-    exchanged: int | None = None
+    consensus: Consensus | None = None
+    exchanged: tuple[int, ...] = ()
+
+    @property
+    def contradicted(self) -> float:
+        """The part of the valid samples that the other frames contradict."""
+        return 0.0 if self.consensus is None else self.consensus.contradicted()
 
     @property
     def fused_shape(self) -> tuple[int, int]:

@@ -33,6 +33,7 @@ class Report:
         noise: c in σ(distance) = c / amplitude (given or estimated); without amplitude, σ itself.
         used: numbers of the frames that were fused, in the order given.
         rejected: reason by frame number for those that were not.
+        contradicted: the part of the valid samples that the other frames contradict; they were left out.
         notes: what else the caller should know, in words.
     """
 
@@ -46,6 +47,7 @@ class Report:
     noise: float | None
     used: tuple[int, ...]
     rejected: dict[int, str] = field(default_factory=dict)
+    contradicted: float = 0.0
     notes: tuple[str, ...] = ()
 
 

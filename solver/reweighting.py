@@ -6,9 +6,11 @@
 
 of the map of the pass before, averaged over the nearest pixels. Smooth parts are smoothed more, edges keep
 their height; the slope keeps ramps from becoming stairs; and ties keep along edges what the weights give away
-there (see `solver.ties`). Source: Candès, Wakin, Boyd, "Enhancing sparsity by reweighted ℓ1 minimization",
-J. Fourier Anal. Appl. 2008; the square and the average are measured, and gain with ties only. Each pass is
-convex, the whole is not: objective, gap and stopping rule are those of the last pass.
+there (see `solver.ties`). Samples that the first map does not explain lose weight: deconvolution would fit
+them by swings, and the weights would take these for edges. Source: Candès, Wakin, Boyd, "Enhancing sparsity
+by reweighted ℓ1 minimization", J. Fourier Anal. Appl. 2008; the square and the average are measured, and gain
+with ties only. Each pass is convex, the whole is not: objective, gap and stopping rule are those of the last
+pass.
 """
 
 from collections.abc import Callable
@@ -44,6 +46,7 @@ class Reweighting:
 
     Attributes:
         tied: makes the data term with ties.
+        distrust: weighs down samples that a padded map does not explain.
         passes: passes after the first one, which is not weighted.
         gain: factor on λ where the map is flat.
         epsilon: ‖∇X − s‖ at which ρ is a half, in units of λ.
@@ -53,6 +56,7 @@ class Reweighting:
     """
 
     tied: Callable[[Ties], Term]
+    distrust: Callable[[NDArray[np.floating]], None]
     passes: int
     gain: float
     epsilon: float
@@ -133,6 +137,8 @@ def minimise_reweighted(
         done += outcome.iterations
         if plan is not None and not last:
             before = ends.states[turn]
+            if turn == 0:
+                plan.distrust(before.x)
             state = start_at(before.x.copy()) if trail is None else trail.start(turn + 1, unit)
             ends.states.append(state)
             ends.terms.append(_learn(prior, before, plan, state))
@@ -143,7 +149,8 @@ def minimise_reweighted(
 def resume(trail: Trail, prior: Prior, options: FusionOptions) -> Outcome:
     """Go on with the last pass alone, on data of which a small part has changed; its gap is NaN.
 
-    The weights stay: what a frame adds to them is not seen.
+    The weights stay: what a frame adds to them is not seen. New samples are not distrusted, or a map would
+    hold out against a changed scene.
     """
     state = trail.states[-1]
     state.fit = None

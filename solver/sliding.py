@@ -190,7 +190,7 @@ class SlidingFusion:
         solution = load(options.method)(problem, initial=self._last)
         self._last = solution
         distance, spread = complete(problem, solution)
-        going_on = problem.exchanged is not None and solution.trail is not None
+        going_on = bool(problem.exchanged) and solution.trail is not None
         if not solution.converged and not going_on:
             warn_unconverged(options, solution, stacklevel=4)
         entries = self._window.entries
@@ -205,6 +205,7 @@ class SlidingFusion:
             seconds=Seconds(registered - begin, time.perf_counter() - registered),
             noise=problem.noise,
             used=tuple(entry.number for entry in entries),
+            contradicted=problem.contradicted,
             notes=notes,
         )
         if self._matrix is None:

@@ -15,13 +15,13 @@ def warm_up() -> None:
     """
     rows, columns = np.mgrid[0:24, 0:32].astype(np.float32)
     frame = 2 + 0.2 * np.sin(rows / 3) * np.cos(columns / 4)
-    frames = np.stack([frame, np.roll(frame, 1, axis=0)])
+    frames = np.stack([frame, np.roll(frame, 1, axis=0), frame])
     frames[1, 4, 4] = np.nan
     light = np.full_like(frames, 1000.0)
     intrinsics = np.array([[40.0, 0, 15.5], [0, 40.0, 11.5], [0, 0, 1]])
     for method in _COMPILED:
         options = FusionOptions(method=method, regularization=0.01)
-        fuse(frames, light, options=options, shifts=np.zeros((2, 2)), ambiguity_range=7.5)
+        fuse(frames, light, options=options, shifts=np.zeros((3, 2)), ambiguity_range=7.5)
     options = FusionOptions(method="lidarboost", regularization=0.01)
     for matrix in (None, intrinsics):
-        fuse(frames, light, options=options, initial=np.zeros((2, 2)), intrinsics=matrix, ambiguity_range=7.5)
+        fuse(frames, light, options=options, initial=np.zeros((3, 2)), intrinsics=matrix, ambiguity_range=7.5)

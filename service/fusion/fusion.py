@@ -125,6 +125,7 @@ def _report(burst: Burst, fused: Fused, upsampling: int, seconds: float) -> Burs
         coverage=coverage(fused.shifts[used], upsampling),
         used=tuple(used),
         rejected=fused.report.rejected,
+        contradicted=fused.report.contradicted,
         shifts=tuple((float(dy), float(dx)) for dy, dx in fused.shifts),
         rotations=None if turns is None else tuple((float(x), float(y), float(z)) for x, y, z in turns),
         seconds=Phases(

@@ -40,6 +40,12 @@ class BurstReport(BaseModel):
     )
     used: tuple[int, ...] = Field(description="Positions in the burst of the frames fused.")
     rejected: dict[int, str] = Field(description="Reason by position for those that were not.")
+    contradicted: float = Field(
+        0.0,
+        ge=0,
+        le=1,
+        description="Share of the valid samples left out since the other frames contradict them.",
+    )
     shifts: tuple[tuple[float, float], ...] = Field(
         description="(dy, dx) of each frame at the image centre, low-resolution pixels."
     )

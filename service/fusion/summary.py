@@ -6,6 +6,9 @@ from service.fusion.fusion import FusedBurst
 from service.fusion.quality import Quality
 from service.fusion.report import BurstReport
 
+_WORTH_SAYING = 1e-3
+"""Share of contradicted samples from which something was in the way: 4e-5 are usual at dark places."""
+
 
 class _Part(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -75,6 +78,8 @@ def describe(burst: BurstSummary) -> str:
     elif report.deviation is not None:
         parts.append(f"median deviation {report.deviation * 1000:.1f} mm")
     parts.append(f"{report.seconds.total:.2f} s")
+    if report.contradicted >= _WORTH_SAYING:
+        parts.append(f"{report.contradicted:.1%} of the samples contradict the others and were left out")
     if report.missing:
         parts.append(f"{report.missing} frames missing")
     if not report.converged:

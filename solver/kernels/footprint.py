@@ -155,6 +155,40 @@ def _add_sums(values, weights, nodes, model, out):  # type: ignore[no-untyped-de
     out[4] += rest
 
 
+@njit(nogil=True, cache=True, error_model="numpy")
+def distrust(  # type: ignore[no-untyped-def]
+    rank, size, values, weights, nodes, fractions, spans, blurred, noise, slack, lost, found
+):
+    """lost (N, H, W) ← what samples lose of their weight w for a residual r beyond noise / √w + slack = a.
+
+    w becomes w (a / r)²; by a team.
+
+    Args:
+        blurred: (C, …), B X; noise: of a sample of weight 1; the others as in `accumulate`.
+        found: (N, H, 2) ← the spans of rows in which any loses, none for the others.
+    """
+    channels, frames, rows, columns = values.shape
+    model, square = np.zeros(columns, blurred.dtype), np.zeros(columns, blurred.dtype)
+    one = weights.dtype.type(1)
+    for line in range(rank * frames * rows // size, (rank + 1) * frames * rows // size):
+        k, i = line // rows, line % rows
+        found[k, i, 0], found[k, i, 1] = np.int32(blurred[0].size), np.int32(-1)
+        if spans[k, i, 1] < 0:
+            continue
+        square[:] = 0
+        for c in range(channels):
+            image = blurred[c].reshape(-1), blurred.shape[2]
+            _interpolate(image, nodes[k, i], fractions[0, k, i], fractions[1, k, i], model)
+            for j in range(columns):
+                square[j] += (values[c, k, i, j] - model[j]) * (values[c, k, i, j] - model[j])
+        for j in range(columns):
+            w = weights[k, i, j]
+            allowed = noise / np.sqrt(w) + slack
+            if nodes[k, i, j] >= 0 and square[j] > allowed * allowed:
+                lost[k, i, j] = w * (allowed * allowed / square[j] - one)
+                found[k, i] = spans[k, i]
+
+
 @njit(nogil=True, cache=True)
 def residuals(rank, size, values, weights, nodes, fractions, spans, blurred, sums):  # type: ignore[no-untyped-def]
     """sums (N · H, C, 5) += Ω, Ω y, Ω A X, Ω (y − A X)², Ω (y² − (A X)²) by row and channel; by a team.

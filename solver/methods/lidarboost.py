@@ -26,7 +26,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     used = np.isfinite(problem.distance)
     samples = sample(problem.distance, used.astype(np.float32), problem.positions, problem.options.upsampling)
     trail = None if initial is None else initial.trail
-    going_on = None if problem.exchanged is None else trail
+    going_on = trail if problem.exchanged else None
     # In units of λ about the middle of the data, so that float32 serves any unit and λ is 1.
     middle = 0.5 * (samples.low + samples.high)
     unit = going_on.unit if going_on is not None else Unit(_strength(problem), middle)

@@ -15,8 +15,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from solver import noise as noise_law
 from solver.fill import nearest
+from solver.preparation import prepare
 from solver.problem import Problem, Solution
 from solver.result import Progress
 from solver.sampling import Samples, sample
@@ -80,18 +80,8 @@ def _fused_amplitude(problem: Problem) -> Image:
 
     light = problem.amplitude
     assert light is not None
-    noise = noise_law.estimate(light, None)
     options = replace(problem.options, method="area", regularization="auto")
-    plain = replace(
-        problem,
-        distance=light,
-        amplitude=None,
-        sigma=np.full_like(light, noise),
-        noise=noise,
-        ambiguity_range=None,
-        options=options,
-    )
-    return load("area")(plain).distance
+    return load("area")(prepare(light, None, problem.positions, options=options)).distance
 
 
 def _normalised(image: Image) -> Image:

@@ -38,6 +38,9 @@ _PASSES, _GAIN, _EPSILON, _EDGE = 1, 2.5, 0.22, 0.07
 _TIE, _ACROSS = 0.15, 0.1
 """Ties: the ‖∇Z − s‖ at which the prior is as stiff, and δ, in median amplitudes."""
 
+_DOUBT, _ERRING = 5.0, 0.1
+"""Deviations and median amplitudes that a sample may differ from the first map."""
+
 _LOST = 4.0
 """|Z| under this many deviations of one sample has lost its angle."""
 
@@ -57,11 +60,12 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     asked = problem.options.regularization
     strength = max(_AUTO * sigma, _LEAST) if asked == "auto" else float(asked)
     factor, prior = problem.options.upsampling, Prior(problem.options.neighbourhood)
-    number, trail = problem.exchanged, None if initial is None else initial.trail
-    if number is not None and trail is not None and isinstance(trail.terms[0], AreaTerm):
-        slot = slice(number, number + 1)
-        samples = _samples(problem, slot, trail.unit.scale)
-        trail.terms[0].exchange(number, *samples, problem.positions[slot])
+    trail = None if initial is None else initial.trail
+    if problem.exchanged and trail is not None and isinstance(trail.terms[0], AreaTerm):
+        for number in problem.exchanged:
+            slot = slice(number, number + 1)
+            samples = _samples(problem, slot, trail.unit.scale)
+            trail.terms[0].exchange(number, *samples, problem.positions[slot])
         outcome = resume(trail, prior, problem.options)
     else:
         samples = _samples(problem, slice(None), strength * usual)
@@ -70,7 +74,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
             term,
             prior,
             term.mean,
-            _plan(term, strength),
+            _plan(term, strength, sigma),
             unit=Unit(strength * usual),
             options=problem.options,
             trail=trail,
@@ -116,9 +120,10 @@ def _samples(problem: Problem, frames: slice, unit: float) -> tuple[NDArray[np.f
     return values, np.isfinite(distance).astype(np.float32)
 
 
-def _plan(term: AreaTerm, strength: float) -> Reweighting:
+def _plan(term: AreaTerm, strength: float, noise: float) -> Reweighting:
     return Reweighting(
         tied=partial(Tied, term),
+        distrust=partial(term.distrust, noise=_DOUBT * noise / strength, slack=_ERRING / strength),
         passes=_PASSES,
         gain=_GAIN,
         epsilon=_EPSILON / strength,

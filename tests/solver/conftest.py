@@ -1,5 +1,6 @@
 """Scenes for the solver's tests, with truth."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,7 +29,15 @@ def depth(y: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.where(np.abs(x - 40 - 0.1 * y) < 1.2, 1.3, wall)
 
 
-def burst(noise: float, *, frames: int = 10, rows: int = 52, columns: int = 60, seed: int = 0) -> Burst:
+def burst(
+    noise: float,
+    *,
+    frames: int = 10,
+    rows: int = 52,
+    columns: int = 60,
+    seed: int = 0,
+    depth: Callable[[np.ndarray, np.ndarray], np.ndarray] = depth,
+) -> Burst:
     """Average the scene over every pixel's footprint and add noise."""
     rng = np.random.default_rng(seed)
     shifts = rng.uniform(-1.5, 1.5, (frames, 2))

@@ -18,10 +18,10 @@ from solver.stencil import conjugate_gradients
 SHARED = Path(__file__).parents[3] / "shared" / "data"
 
 
-def problem(distance, shifts, **options):
+def problem(distance, shifts, noise=None, **options):
     frames = np.asarray(distance, np.float32)
     positions = sample_positions(frames.shape, shifts=shifts)
-    return prepare(frames, None, positions, options=FusionOptions(**options))
+    return prepare(frames, None, positions, options=FusionOptions(**options), noise=noise)
 
 
 def run(method, distance, shifts=None, **options):
@@ -59,9 +59,9 @@ def test_bicubic_leaves_missing_pixels_to_the_filling_and_does_not_smear_them():
 
 
 def test_shift_and_add_takes_the_median_of_the_samples_on_each_fused_pixel():
-    distance = np.stack([np.full((6, 6), value) for value in (1.0, 2.0, 50.0, 7.0)])
+    distance = np.stack([np.full((6, 6), value) for value in (1.0, 2.0, 50.0, 7.0)])  # of any noise
     shifts = [[0, 0], [0.1, 0], [0, 0.1], [0.5, 0.5]]
-    solution = shift_and_add.solve(problem(distance, shifts, upsampling=2))
+    solution = shift_and_add.solve(problem(distance, shifts, noise=20.0, upsampling=2))
     assert solution.distance[3, 3] == 2  # of 1, 2 and 50: floor((1 + ½ + shift) · 2) = 3
     assert solution.distance[4, 4] == 7
     assert np.isnan(solution.distance[3, 4])

@@ -59,7 +59,7 @@ def test_a_problem_whose_frames_were_exchanged_is_that_of_the_new_ones(lit: bool
     for number in range(FRAMES, len(distance)):
         light = amplitude[number] if lit else None
         assert exchange(problem, number % FRAMES, distance[number], light, positions[number])
-        assert problem.exchanged == number % FRAMES
+        assert problem.exchanged[0] == number % FRAMES
     np.testing.assert_array_equal(problem.distance, fresh.distance)
     np.testing.assert_array_equal(problem.sigma, fresh.sigma)
     fresh.usual_deviation = usual  # that of the first frames stays

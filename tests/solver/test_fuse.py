@@ -95,8 +95,8 @@ def test_fill_reaches_as_far_as_asked() -> None:
 def test_dark_samples_are_left_out_by_the_threshold() -> None:
     frames = step()
     amplitude = np.full_like(frames, 1000.0)
-    frames[:, 5, 3] = 9.0
-    amplitude[:, 5, 3] = 1.0
+    frames[:, 4:7, 2:5] = 9.0  # so large that all frames see it in the same place
+    amplitude[:, 4:7, 2:5] = 1.0
     kept = fuse(frames, amplitude, shifts=SHIFTS, options=nearest_options(amplitude_threshold=0.0))
     cut = fuse(frames, amplitude, shifts=SHIFTS, options=nearest_options())
     assert np.nanmax(kept.distance) > 4

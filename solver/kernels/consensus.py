@@ -1,0 +1,133 @@
+"""Which samples agree with the other frames; see `solver.consensus`."""
+
+import numpy as np
+from numba import njit
+
+
+@njit(nogil=True, cache=True)
+def align(rank, size, distance, positions, planes):  # type: ignore[no-untyped-def]
+    """planes (N, H, W) ← the samples (N, H, W) by the pixel of the grid that they fall on, else NaN.
+
+    Of two samples of a frame on one pixel the later one counts. By a team, as all kernels here.
+    """
+    frames, rows, columns = distance.shape
+    for k in range(rank * frames // size, (rank + 1) * frames // size):
+        planes[k] = np.float32(np.nan)
+        for i in range(rows):
+            for j in range(columns):
+                u, v = positions[k, i, j, 0] + np.float32(0.5), positions[k, i, j, 1] + np.float32(0.5)
+                if 0 <= u < rows and 0 <= v < columns:  # also refuses NaN
+                    planes[k, np.int64(u), np.int64(v)] = distance[k, i, j]
+
+
+@njit(nogil=True, cache=True)
+def medians(rank, size, planes, least, low, high):  # type: ignore[no-untyped-def]
+    """low and high (H, W) ← the median of the frames (N, H, W), −∞ and ∞ where fewer than `least` know.
+
+    Rows are sorted as far as the middle, all columns at once.
+    """
+    frames, rows, columns = planes.shape
+    ranked, count = np.empty((frames, columns), np.float32), np.empty(columns, np.int64)
+    never, half = np.float32(np.inf), np.float32(0.5)
+    for i in range(rank * rows // size, (rank + 1) * rows // size):
+        count[:] = 0
+        for k in range(frames):
+            for j in range(columns):
+                value = planes[k, i, j]
+                count[j] += value == value
+                ranked[k, j] = value if value == value else never
+        for first in range(frames // 2 + 1):
+            for k in range(frames - 1, first, -1):
+                _order(ranked[k - 1], ranked[k])
+        for j in range(columns):
+            known = count[j] >= least
+            middle = half * (ranked[max(count[j] - 1, 0) // 2, j] + ranked[count[j] // 2, j])
+            low[i, j], high[i, j] = (middle, middle) if known else (-never, never)
+
+
+@njit
+def _order(upper, lower):  # type: ignore[no-untyped-def]
+    """Exchange what of the lower row is less than what stands above it."""
+    n = upper.size
+    a, b = upper[:n], lower[:n]
+    for j in range(n):
+        x, y = a[j], b[j]
+        swap = y < x
+        a[j], b[j] = (y if swap else x), (x if swap else y)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def judge(rank, size, measured, sigma, positions, bounds, slack, span, agrees, against):  # type: ignore[no-untyped-def]
+    """agrees (N, H, W) ← whether each sample lies near enough to what the frames around it say.
+
+    Args:
+        measured: (N, H, W), NaN agrees; sigma: its deviation; positions: (N, H, W, 2).
+        bounds: least and greatest distance around, both (H, W), ∓∞ = unknown: whatever is said agrees.
+        slack: (in units of high − low from the middle, in deviations, in units of the middle).
+        span: the ambiguity range, whole ones of which do not count; 0 = they do.
+        against: (N, H) ← samples of a row that do not agree.
+    """
+    frames, rows, columns = measured.shape
+    low, high = bounds[0].reshape(-1), bounds[1].reshape(-1)
+    places = np.empty(columns, np.int32)
+    for line in range(rank * frames * rows // size, (rank + 1) * frames * rows // size):
+        k, i = line // rows, line % rows
+        _find(positions[k, i], rows, columns, places)
+        own = measured[k, i], sigma[k, i]
+        against[k, i] = _judge_row(own, places, low, high, slack, span, agrees[k, i])
+
+
+@njit
+def _find(positions, rows, columns, places):  # type: ignore[no-untyped-def]
+    """places ← the flat number of the pixel of the grid under each sample of a row, −1 outside."""
+    half = np.float32(0.5)
+    for j in range(places.size):
+        u, v = positions[j, 0] + half, positions[j, 1] + half
+        inside = (u >= 0) & (u < rows) & (v >= 0) & (v < columns)  # also refuses NaN
+        places[j] = np.int32(u) * np.int32(columns) + np.int32(v) if inside else np.int32(-1)
+
+
+@njit(error_model="numpy")
+def _judge_row(own, places, low, high, slack, span, agrees):  # type: ignore[no-untyped-def]
+    """`judge` for one row; how many samples of it do not agree."""
+    (measured, sigma), n = own, places.size
+    ds, deviations, verdicts = measured[:n], sigma[:n], agrees[:n]
+    half, count, never = np.float32(0.5), 0, np.float32(np.inf)
+    for j in range(n):
+        place = np.uintp(max(places[j], 0))
+        least, most = low[place], high[place]
+        middle = half * (least + most)
+        away = abs(ds[j] - middle)
+        if span > 0:
+            away = abs(away - span * np.round(away / span))
+        allowed = slack[0] * (most - least) + slack[1] * deviations[j] + slack[2] * abs(middle)
+        agree = not away > (allowed if places[j] >= 0 else never)  # NaN agrees
+        verdicts[j] = agree
+        count += not agree
+    return count
+
+
+@njit(nogil=True, cache=True)
+def changes(rank, size, measured, distance, agrees, out):  # type: ignore[no-untyped-def]
+    """out (N, H) ← how many samples of each row agree though distance (N, H, W) is NaN, or the other way."""
+    frames, rows, columns = measured.shape
+    for line in range(rank * frames * rows // size, (rank + 1) * frames * rows // size):
+        k, i = line // rows, line % rows
+        d, used, verdicts, count = measured[k, i], distance[k, i], agrees[k, i], 0
+        for j in range(columns):
+            count += (d[j] == d[j]) & (verdicts[j] != (used[j] == used[j]))
+        out[k, i] = count
+
+
+@njit(nogil=True, cache=True)
+def limit(rank, size, distance, low, high, factor):  # type: ignore[no-untyped-def]
+    """Bring distance (βH, βW) between low and high (H, W) of its low-resolution pixel, NaN = unknown."""
+    rows, columns = low.shape
+    for i in range(rank * rows // size, (rank + 1) * rows // size):
+        for u in range(i * factor, (i + 1) * factor):
+            for j in range(columns):
+                least, most = low[i, j], high[i, j]
+                for v in range(j * factor, (j + 1) * factor):
+                    value = distance[u, v]
+                    value = least if value < least else value
+                    distance[u, v] = most if value > most else value

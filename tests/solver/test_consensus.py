@@ -1,0 +1,157 @@
+"""Samples that the other frames contradict do no harm, and those of a scene at rest are all kept."""
+
+import numpy as np
+import pytest
+
+from solver import FusionOptions, FusionWarning, SlidingFusion, fuse
+from solver.evaluation import DepthMap, errors, make_trial, procedural_object
+from solver.options import Method
+from solver.positions import sample_positions
+from solver.preparation import exchange, prepare
+from tests.solver.conftest import Burst, burst, depth
+
+RANGE = 7.5
+
+
+def passed_by(scene: Burst, frames: tuple[int, ...] = (4,)) -> np.ndarray:
+    """The frames with somebody at 0.8 m before the scene, elsewhere in each of those named."""
+    distance = scene.distance.copy()
+    for place, number in enumerate(frames):
+        left = 8 + 14 * place
+        distance[number, 15:40, left : left + 12] = 0.8
+    return distance
+
+
+def rmse(distance: np.ndarray, scene: Burst, options: FusionOptions) -> float:
+    """Of the map, metres; every pixel has the same amplitude."""
+    light = np.full_like(distance, 1000.0)
+    fused = fuse(distance, light, shifts=scene.shifts, options=options, ambiguity_range=RANGE)
+    return errors(fused.distance, scene.truth).rmse
+
+
+@pytest.mark.parametrize("method", ["shift-and-add", "mrf", "lidarboost", "area", "phasor"])
+def test_somebody_who_passes_by_leaves_no_trace(method: Method) -> None:
+    scene, options = burst(0.01), FusionOptions(method=method)
+    quiet = rmse(scene.distance, scene, options)
+    assert rmse(passed_by(scene, (2, 5, 9)), scene, options) < 1.05 * quiet + 1e-3
+
+
+@pytest.mark.parametrize("method", ["lidarboost", "area", "phasor"])
+def test_single_wrong_samples_are_left_out(method: Method) -> None:
+    scene, options = burst(0.01), FusionOptions(method=method)
+    random = np.random.default_rng(7)
+    distance = scene.distance.copy()
+    hit = random.random(distance.shape) < 0.005
+    distance[hit] = random.uniform(0.2, 7, hit.sum())
+    # Those beside edges lie within what edges allow.
+    assert rmse(distance, scene, options) < 1.25 * rmse(scene.distance, scene, options)
+
+
+def test_the_report_says_how_many_were_contradicted() -> None:
+    scene = burst(0.01)
+    still = fuse(scene.distance, shifts=scene.shifts)
+    fused = fuse(passed_by(scene), shifts=scene.shifts)
+    part = 25 * 12 / scene.distance.size
+    assert still.report.contradicted < 2e-5
+    assert 0.9 * part < fused.report.contradicted < 1.02 * part
+
+
+@pytest.mark.parametrize("variance", [0.0, 4.1, 46.3])
+@pytest.mark.parametrize("frames", [3, 5, 10])
+def test_fine_structures_are_not_contradicted(variance: float, frames: int) -> None:
+    depth = DepthMap(procedural_object(), oversampling=2)
+    for seed in range(3):
+        trial = make_trial(depth, variance=variance, seed=seed, frames=frames)
+        fused = fuse(trial.distance, shifts=trial.shifts, options=FusionOptions(method="shift-and-add"))
+        assert fused.report.contradicted < 1e-3
+
+
+@pytest.mark.parametrize("method", ["nearest", "bicubic"])
+def test_methods_of_one_frame_show_it_as_it_is(method: Method) -> None:
+    scene = burst(0.01)
+    fused = fuse(passed_by(scene, (0,)), shifts=scene.shifts, options=FusionOptions(method=method))
+    assert fused.report.contradicted == 0
+    assert fused.distance[100, 50] == pytest.approx(0.8, abs=0.01)
+
+
+def test_two_frames_cannot_outvote_each_other() -> None:
+    scene = burst(0.01, frames=2)
+    fused = fuse(passed_by(scene, (1,)), shifts=scene.shifts)
+    assert fused.report.contradicted == 0
+
+
+@pytest.mark.parametrize("method", ["area", "phasor"])
+def test_a_frame_of_another_scene_does_little_harm(method: Method) -> None:
+    scene, options = burst(0.01), FusionOptions(method=method)
+    distance = scene.distance.copy()
+    distance[3] = distance[3, ::-1, ::-1]
+    assert rmse(distance, scene, options) < 2 * rmse(
+        scene.distance, scene, options
+    )  # 13 times, unless contradicted
+
+
+def test_what_no_scene_at_rest_explains_makes_no_swings() -> None:
+    # Dirt on the lens: the same pixels of all frames, whatever they look at.
+    scene, rng = burst(0.01), np.random.default_rng(3)
+    distance = scene.distance.copy()
+    distance[:, 15:40, 20:32] = 1.0 + 0.01 * rng.normal(size=(10, 25, 12))
+    options = FusionOptions(method="area", max_iterations=100)
+    with pytest.warns(FusionWarning, match="stopped after"):
+        fused = fuse(distance, shifts=scene.shifts, options=options)
+    low, high = distance.min(), distance.max()
+    assert fused.distance.min() > low - (high - low)
+    assert fused.distance.max() < high + (high - low)
+
+
+def test_whole_ambiguity_ranges_matter_to_area_alone() -> None:
+    scene = burst(0.01)
+    distance = scene.distance.copy()
+    distance[5, 10:20, 10:20] += RANGE
+    light = np.full_like(distance, 1000.0)
+    share = {}
+    for method in ("area", "phasor"):
+        options = FusionOptions(method=method)  # type: ignore[arg-type]
+        fused = fuse(distance, light, shifts=scene.shifts, options=options, ambiguity_range=RANGE)
+        share[method] = fused.report.contradicted * distance.size
+    assert share["area"] == pytest.approx(100, abs=1)
+    assert share["phasor"] < 1
+
+
+def test_an_exchanged_frame_is_judged_with_those_that_stay() -> None:
+    scene = burst(0.01, frames=20)
+    distance = passed_by(scene, (3, 12))
+    positions = sample_positions(distance.shape, shifts=scene.shifts)
+    options = FusionOptions(method="area")
+
+    def prepared(frames: slice):  # type: ignore[no-untyped-def]
+        return prepare(distance[frames].copy(), None, positions[frames].copy(), options=options, noise=0.01)
+
+    problem = prepared(slice(10))
+    assert np.isnan(problem.distance[3]).sum() == pytest.approx(300, abs=3)
+    for number in range(10, 20):
+        exchange(problem, number - 10, distance[number], None, positions[number])
+        assert problem.exchanged[0] == number - 10
+    assert np.isnan(problem.distance[2]).sum() == pytest.approx(300, abs=3)
+    fresh = prepared(slice(10, 20))
+    np.testing.assert_array_equal(problem.distance, fresh.distance)
+    np.testing.assert_array_equal(problem.precision, fresh.precision)
+
+
+@pytest.mark.parametrize("method", ["area", "phasor"])
+def test_a_stream_goes_over_to_a_changed_scene_once_most_frames_show_it(method: Method) -> None:
+    def with_box(y: np.ndarray, x: np.ndarray) -> np.ndarray:
+        box = (np.abs(y - 28) < 12) & (np.abs(x - 26) < 6)
+        return np.where(box, 1.0, depth(y, x))
+
+    scene, later = burst(0.01, frames=32), burst(0.01, frames=32, depth=with_box)
+    distance = np.concatenate([scene.distance[:12], later.distance[12:]])
+    inside, light = (slice(80, 140), slice(96, 112)), np.full_like(distance[0], 1000.0)
+    sliding = SlidingFusion(FusionOptions(method=method), window=9, ambiguity_range=RANGE)
+    shown = []
+    for frame, shift in zip(distance, scene.shifts, strict=True):
+        fused = sliding.push(frame, light, shift=shift)
+        shown.append(float(np.median(fused.distance[inside])))
+    before = float(np.median(scene.truth[inside]))
+    assert shown[11:15] == pytest.approx([before] * 4, abs=0.03)  # up to 3 of 9 frames show it
+    assert shown[20:] == pytest.approx([1.0] * 12, abs=0.03)
+    assert errors(fused.distance, later.truth).rmse < 0.06
