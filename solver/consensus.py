@@ -9,8 +9,6 @@ otherwise fit it by swings many times as large.
 Medians hold for as long as fewer than half of the frames disagree (Huber, "Robust Statistics", 1981).
 """
 
-from dataclasses import dataclass, field
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -39,63 +37,73 @@ _FEW = 500
 """One of so many samples of a frame may be judged anew without the frame being exchanged for it."""
 
 
-@dataclass(slots=True)
 class Consensus:
     """What frames say together, and which of their samples agree.
 
     Attributes:
         measured: (N, H, W) float32, NaN = invalid.
-        sigma: (N, H, W), one standard deviation of each.
-        positions: (N, H, W, 2), where they look on the grid.
-        span: the ambiguity range, where whole ones do not matter; 0 = they do.
         agrees: (N, H, W).
     """
 
-    measured: Image
-    sigma: Image
-    positions: Image
-    span: float = 0.0
-    agrees: NDArray[np.bool_] = field(init=False)
-    _planes: Image = field(init=False)
-    _low: Image = field(init=False)
-    _high: Image = field(init=False)
+    def __init__(self, measured: Image, sigma: Image, positions: Image, span: float = 0.0) -> None:
+        """Judge all samples.
 
-    def __post_init__(self) -> None:
-        shape = self.measured.shape
-        self._planes, self.agrees = np.empty(shape, np.float32), np.empty(shape, np.bool_)
+        Args:
+            sigma: (N, H, W), one standard deviation of each.
+            positions: (N, H, W, 2), where they look on the grid.
+            span: the ambiguity range, where whole ones do not matter; 0 = they do.
+        """
+        shape = measured.shape
+        self.measured, self.agrees = measured, np.empty(shape, np.bool_)
+        self._sigma, self._positions, self._span = sigma, positions, np.float32(span)
+        self._planes = np.empty(shape, np.float32)
         self._low, self._high = np.empty(shape[1:], np.float32), np.empty(shape[1:], np.float32)
+        self._valid, self._against = np.zeros(len(measured), np.int64), np.zeros(len(measured), np.int64)
+        self._align(slice(None))
+        self._survey()
+        self._judge(slice(None))
 
-    def judge(self, frames: slice = slice(None)) -> None:
-        """Judge all samples, after those of some frames have changed."""
-        team.share(kernels.align, self.measured[frames], self.positions[frames], self._planes[frames])
+    def exchange(self, number: int, distance: Image) -> list[int]:
+        """Judge a frame that has taken the place of another one, and all anew if any samples are in dispute.
+
+        Args:
+            distance: (N, H, W), `measured` or NaN where a sample is not used until now.
+
+        Returns the other frames of which the verdict on more than a few samples is new.
+        """
+        one, few = slice(number, number + 1), distance[0].size // _FEW
+        self._align(one)
+        self._judge(one)
+        if self._against.sum() <= few:
+            return []
+        self._survey()
+        self._judge(slice(None))
+        changes = np.empty(distance.shape[:2], np.int32)
+        team.share(kernels.changes, self.measured, distance, self.agrees, changes)
+        changes[number] = 0
+        return [int(other) for other in np.flatnonzero(changes.sum(axis=1) > few)]
+
+    def _align(self, frames: slice) -> None:
+        part = self.measured[frames], self._positions[frames], self._planes[frames]
+        team.share_frames(len(part[0]), kernels.align, *part)
+
+    def _survey(self) -> None:
         team.share(kernels.medians, self._planes, MAJORITY, self._low, self._high)
         around = np.ones((3, 3), np.uint8)
         cv2.erode(self._low, around, dst=self._low)
         cv2.dilate(self._high, around, dst=self._high)
-        against = np.empty(self.measured.shape[:2], np.int32)
-        samples = self.measured, self.sigma, self.positions
+
+    def _judge(self, frames: slice) -> None:
+        agrees, measured = self.agrees[frames], self.measured[frames]
+        against = np.empty(measured.shape[:2], np.int32)
+        samples = measured, self._sigma[frames], self._positions[frames]
         slack = tuple(np.float32(part) for part in _SLACK)
-        bounds, span = (self._low, self._high), np.float32(self.span)
-        team.share(kernels.judge, *samples, bounds, slack, span, self.agrees, against)
+        law = (self._low, self._high), slack, self._span
+        team.share_frames(len(measured), kernels.judge, *samples, *law, agrees, against)
         for number in np.flatnonzero(against.any(axis=1)):
-            self._close(int(number))
-
-    def _close(self, number: int) -> None:
-        """Samples among those that do not agree with the scene belong to the same thing before it."""
-        apart = np.logical_not(self.agrees[number]).view(np.uint8)
-        closed = cv2.morphologyEx(apart, cv2.MORPH_CLOSE, np.ones((_GAP, _GAP), np.uint8))
-        np.equal(closed, 0, out=self.agrees[number])
-
-    def changed(self, distance: Image) -> list[int]:
-        """The frames of which the verdict on more than a few samples is new.
-
-        Args:
-            distance: (N, H, W), `measured` or NaN where a sample is not used until now.
-        """
-        changes = np.empty(distance.shape[:2], np.int32)
-        team.share(kernels.changes, self.measured, distance, self.agrees, changes)
-        few = distance[0].size // _FEW
-        return [int(number) for number in np.flatnonzero(changes.sum(axis=1) > few)]
+            agrees[number] = ~_closed(~agrees[number])
+        self._valid[frames] = np.isfinite(measured).sum(axis=(1, 2))
+        self._against[frames] = (~agrees).sum(axis=(1, 2))
 
     def kept(self, frames: slice | int = slice(None)) -> Image:
         """The samples that agree, NaN in the place of the others."""
@@ -103,8 +111,7 @@ class Consensus:
 
     def contradicted(self) -> float:
         """The part of the valid samples that the others contradict."""
-        known = np.isfinite(self.measured)
-        return float((known & ~self.agrees).sum() / max(1, known.sum()))
+        return float(self._against.sum() / max(1, self._valid.sum()))
 
     def limit(self, distance: Image, deviation: float) -> None:
         """Bring a map (βH, βW) that swings far beyond what the frames say back to where that begins.
@@ -115,5 +122,11 @@ class Consensus:
         with np.errstate(invalid="ignore"):  # −∞ + ∞: no bounds
             middle, reach = 0.5 * (self._low + self._high), _SWING[0] * (self._high - self._low)
         reach += np.float32(_SWING[1] * deviation)
-        factor = distance.shape[0] // self._low.shape[0]
+        factor = len(distance) // len(self._low)
         team.share(kernels.limit, distance, middle - reach, middle + reach, factor)
+
+
+def _closed(apart: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """What samples that do not agree enclose belongs to the same thing before the scene."""
+    window = np.ones((_GAP, _GAP), np.uint8)
+    return np.asarray(cv2.morphologyEx(apart.view(np.uint8), cv2.MORPH_CLOSE, window) > 0)

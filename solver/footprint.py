@@ -6,6 +6,7 @@ A_k averages X over each pixel's footprint at its exact position: bilinear inter
 B X, exact for a box of a whole number of fused pixels, a close approximation for other shapes.
 """
 
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -100,8 +101,26 @@ class AreaTerm:
         """Samples as the kernels take them, with their nodes, fractions and spans."""
         places = np.empty(weights.shape, np.int32), np.empty((2, *weights.shape), values.dtype)
         spans = np.empty((*weights.shape[:2], 2), np.int32)
-        team.share(kernels.place, weights, positions, *self._grid, *places, spans)
+        team.share_frames(len(weights), kernels.place, weights, positions, *self._grid, *places, spans)
         return (values, weights, *places, spans)
+
+    def follow(
+        self,
+        state: State,
+        frames: Iterable[int],
+        samples: Callable[[slice], tuple[NDArray[np.floating], NDArray[np.floating]]],
+        positions: NDArray[np.float32],
+    ) -> None:
+        """Exchange frames, and have the fit of a state follow.
+
+        Args:
+            samples: gives values (C, n, H, W) and weights (n, H, W) of frames.
+            positions: (N, H, W, 2).
+        """
+        for number in frames:
+            slot = slice(number, number + 1)
+            change = self.exchange(number, *samples(slot), positions[slot], state.x)
+            state.fit = None if state.fit is None else state.fit + change
 
     def exchange(
         self,
@@ -109,21 +128,28 @@ class AreaTerm:
         values: NDArray[np.floating],
         weights: NDArray[np.floating],
         positions: NDArray[np.float32],
-    ) -> None:
+        x: NDArray[np.floating],
+    ) -> float:
         """Put a frame, values (C, 1, H, W), weights (1, H, W), positions (1, H, W, 2), in the place of one.
 
         The curvature stays as it was: an iteration needs it about right, `certify` exactly.
+
+        Returns by how much that changes the term at the padded map x.
         """
         slot = slice(number, number + 1)
         every, weight, nodes, fractions, spans = self._samples
         kept = every[:, slot], weight[slot], nodes[slot], fractions[:, slot], spans[slot]
         before = [np.ascontiguousarray(image) for image in kept]
         before[1] = -before[1]
-        team.share(kernels.accumulate, *before, self._stencil, self._side)
         after = self._placed(values, weights, positions)
-        team.share(kernels.accumulate, *after, self._stencil, self._side)
+        team.share(blur.blur, x, self._taps, self._size, self._blurred)
+        sums = np.zeros((weights.shape[1], len(x), 5))
+        for samples in (before, after):
+            team.share_frames(1, kernels.accumulate, *samples, self._stencil, self._side)
+            team.share_frames(1, kernels.residuals, *samples, self._blurred, sums)
         for image, new in zip(kept, after, strict=True):
             image[...] = new
+        return float(sums[..., 3].sum())
 
     def distrust(self, x: NDArray[np.floating], noise: float, slack: float) -> None:
         """Weigh down samples that the padded map x does not explain.

@@ -56,7 +56,9 @@ def rotated_positions(
     matrices = rotation_matrix(rotations)
     rays = pixel_rays(shape, K, lens)
     positions = np.empty((len(rotations), *shape, 2), dtype=np.float32)
-    team.share(_project, rays, matrices, K, lens, tilt_matrix(lens), bool(lens.any()), positions)
+    team.share_frames(
+        len(matrices), _project, rays, matrices, K, lens, tilt_matrix(lens), bool(lens.any()), positions
+    )
     return positions
 
 

@@ -51,7 +51,6 @@ def prepare(
     consensus = None
     if len(distance) >= MAJORITY and options.method not in SINGLE:
         consensus = Consensus(distance, sigma, positions, _turns(options, ambiguity_range))
-        consensus.judge()
         distance = consensus.kept()
     problem = Problem(distance, amplitude, positions, sigma, noise, ambiguity_range, guide, options)
     problem.threshold, problem.consensus = threshold, consensus
@@ -84,8 +83,7 @@ def exchange(
     others: list[int] = []
     if problem.consensus is not None:
         problem.consensus.measured[slot] = problem.distance[slot]
-        problem.consensus.judge(slice(slot, slot + 1))
-        others = [number for number in problem.consensus.changed(problem.distance) if number != slot]
+        others = problem.consensus.exchange(slot, problem.distance)
         _count(problem, others, -1)
         for number in (slot, *others):
             problem.distance[number] = problem.consensus.kept(number)

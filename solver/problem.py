@@ -66,7 +66,8 @@ class Problem:
     def count(self, frames: slice, precision: NDArray[np.float32], sign: int) -> None:
         """Add (1) or take away (−1) what frames contribute to the precision."""
         sigma = self.sigma[frames]
-        team.share(
+        team.share_frames(
+            len(sigma),
             sparse.scatter_precision,
             self.distance[frames],
             sigma if self.noise else np.ones_like(sigma),

@@ -149,11 +149,12 @@ def minimise_reweighted(
 def resume(trail: Trail, prior: Prior, options: FusionOptions) -> Outcome:
     """Go on with the last pass alone, on data of which a small part has changed; its gap is NaN.
 
+    The state's `fit` is that to these data, or None.
+
     The weights stay: what a frame adds to them is not seen. New samples are not distrusted, or a map would
     hold out against a changed scene.
     """
     state = trail.states[-1]
-    state.fit = None
     outcome = minimise(
         trail.terms[-1],
         prior,

@@ -102,6 +102,14 @@ def share(loop: Callable[..., None], *arguments: Any) -> None:
         _one_team.release()
 
 
+def share_frames(count: int, loop: Callable[..., None], *arguments: Any) -> None:
+    """`share` a loop over so many frames; one of them is done before another thread is awake."""
+    if count == 1:
+        loop(0, 1, *arguments)
+    else:
+        share(loop, *arguments)
+
+
 def _others() -> ThreadPoolExecutor:
     global _pool
     if _pool is None:

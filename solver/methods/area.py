@@ -103,9 +103,8 @@ def _run(problem: Problem, trail: Trail | None, progress: Progress | None) -> tu
 def _resume(problem: Problem, trail: Trail) -> Outcome:
     term = trail.terms[0]
     assert isinstance(term, AreaTerm)
-    for number in problem.exchanged:
-        slot = slice(number, number + 1)
-        term.exchange(number, *_samples(problem, trail.unit, slot), problem.positions[slot])
+    samples = partial(_samples, problem, trail.unit)
+    term.follow(trail.states[-1], problem.exchanged, samples, problem.positions)
     return resume(trail, Prior(problem.options.neighbourhood), problem.options)
 
 

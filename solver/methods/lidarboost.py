@@ -37,7 +37,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     term = SparseTerm(samples.weight, mean, samples.constant / strength**2)
     prior = Prior(problem.options.neighbourhood)
     if going_on is not None:
-        going_on.terms = [term]
+        going_on.terms, going_on.states[-1].fit = [term], None
         outcome = resume(going_on, prior, problem.options)
     else:
         outcome, trail = minimise_reweighted(

@@ -62,13 +62,11 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     factor, prior = problem.options.upsampling, Prior(problem.options.neighbourhood)
     trail = None if initial is None else initial.trail
     if problem.exchanged and trail is not None and isinstance(trail.terms[0], AreaTerm):
-        for number in problem.exchanged:
-            slot = slice(number, number + 1)
-            samples = _samples(problem, slot, trail.unit.scale)
-            trail.terms[0].exchange(number, *samples, problem.positions[slot])
+        exchanged = partial(_samples, problem, trail.unit.scale)
+        trail.terms[0].follow(trail.states[-1], problem.exchanged, exchanged, problem.positions)
         outcome = resume(trail, prior, problem.options)
     else:
-        samples = _samples(problem, slice(None), strength * usual)
+        samples = _samples(problem, strength * usual, slice(None))
         term = AreaTerm(*samples, problem.positions, factor, problem.options.footprint)
         outcome, trail = minimise_reweighted(
             term,
@@ -107,7 +105,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     )
 
 
-def _samples(problem: Problem, frames: slice, unit: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _samples(problem: Problem, unit: float, frames: slice) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Values (2, n, H, W) in the unit given and weights (n, H, W) of n frames."""
     assert problem.amplitude is not None
     assert problem.ambiguity_range is not None

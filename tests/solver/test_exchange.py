@@ -32,16 +32,18 @@ def test_a_term_whose_frames_were_exchanged_is_that_of_the_new_ones() -> None:
     old, new = slice(FRAMES), slice(2 * FRAMES, None)
     kept = values[:, old].copy(), weights[old].copy()
     term = AreaTerm(*kept, positions[old], 3, Footprint())
+    x = rng.normal(size=(2, term.shape[1] + 4, term.shape[2] + 4)).astype(np.float32)
+    value = term.value(x)
     for number in range(FRAMES, 3 * FRAMES):
         one = slice(number, number + 1)
-        term.exchange(number % FRAMES, values[:, one], weights[one], positions[one])
+        value += term.exchange(number % FRAMES, values[:, one], weights[one], positions[one], x)
     fresh = AreaTerm(values[:, new].copy(), weights[new].copy(), positions[new], 3, Footprint())
-    x = rng.normal(size=(2, term.shape[1] + 4, term.shape[2] + 4)).astype(np.float32)
     found, expected = np.zeros_like(x), np.zeros_like(x)
     term.gradient(x, found)
     fresh.gradient(x, expected)
     np.testing.assert_allclose(found, expected, atol=3e-5 * np.abs(expected).max())
     assert term.value(x) == pytest.approx(fresh.value(x), rel=1e-6)
+    assert value == pytest.approx(fresh.value(x), rel=1e-5)
 
 
 @pytest.mark.parametrize("lit", [True, False])
