@@ -132,7 +132,7 @@ class AreaTerm:
     def _transform(
         self, x: NDArray[np.floating], side: NDArray[np.floating], out: NDArray[np.floating]
     ) -> None:
-        team.share(blur.transform, x, self._stencil, side, self._taps, self._size, out)
+        team.share(blur.transform, x, self._stencil, side, self._taps, self._size, x.dtype.type(2), out)
 
     def mean(self) -> NDArray[np.floating]:
         """(C, rows, columns): the mean of the samples that see each pixel; beyond them, the nearest's."""

@@ -11,37 +11,36 @@ from solver.kernels.view import view
 
 
 @njit(fastmath=True)
-def _add_four(k, taps, factor, s0, s1, s2, s3, out):  # type: ignore[no-untyped-def]
-    """out += factor times the four lines, each times its tap from k on; the first four begin it."""
-    h0, h1, h2, h3 = factor * taps[k], factor * taps[k + 1], factor * taps[k + 2], factor * taps[k + 3]
-    if k == 0:
-        for j in range(out.size):
-            out[j] = h0 * s0[j] + h1 * s1[j] + h2 * s2[j] + h3 * s3[j]
-    else:
-        for j in range(out.size):
-            out[j] += h0 * s0[j] + h1 * s1[j] + h2 * s2[j] + h3 * s3[j]
-
-
-@njit(fastmath=True)
-def _blur_along(source, row, first, taps, factor, out):  # type: ignore[no-untyped-def]
-    """out[j] = factor · Σ_k taps[k] source[(*row, first + j + k)]."""
-    n, last = out.size, source.shape[-1] - out.size
+def blur_along(source, row, first, taps, factor, out):  # type: ignore[no-untyped-def]
+    """out[j] = factor · Σ_k taps[k] source[(*row, first + j + k)]; reads out.size + taps.size − 1 numbers."""
+    n = out.size
     for k in range(0, taps.size, 4):
-        # Taps that only fill up the four would else read beyond the row.
-        a, b = view(source, row, first + k, n), view(source, row, min(first + k + 1, last), n)
-        c, d = view(source, row, min(first + k + 2, last), n), view(source, row, min(first + k + 3, last), n)
-        _add_four(k, taps, factor, a, b, c, d, out)
+        h0, h1, h2, h3 = factor * taps[k], factor * taps[k + 1], factor * taps[k + 2], factor * taps[k + 3]
+        s0, s1 = view(source, row, first + k, n), view(source, row, first + k + 1, n)
+        s2, s3 = view(source, row, first + k + 2, n), view(source, row, first + k + 3, n)
+        if k == 0:
+            for j in range(n):
+                out[j] = h0 * s0[j] + h1 * s1[j] + h2 * s2[j] + h3 * s3[j]
+        else:
+            for j in range(n):
+                out[j] += h0 * s0[j] + h1 * s1[j] + h2 * s2[j] + h3 * s3[j]
 
 
 @njit(fastmath=True)
-def _blur_across(c, ring, first, step, taps, out):  # type: ignore[no-untyped-def]
+def blur_across(c, ring, first, step, taps, out):  # type: ignore[no-untyped-def]
     """out = Σ_k taps[k] ring[c, (first + step · k) modulo its rows], whole rows."""
     n, rows = out.size, ring.shape[1]
     for k in range(0, taps.size, 4):
+        h0, h1, h2, h3 = taps[k], taps[k + 1], taps[k + 2], taps[k + 3]
         r = first + step * k
         s0, s1 = view(ring, (c, r % rows), 0, n), view(ring, (c, (r + step) % rows), 0, n)
         s2, s3 = view(ring, (c, (r + 2 * step) % rows), 0, n), view(ring, (c, (r + 3 * step) % rows), 0, n)
-        _add_four(k, taps, out.dtype.type(1), s0, s1, s2, s3, out)
+        if k == 0:
+            for j in range(n):
+                out[j] = h0 * s0[j] + h1 * s1[j] + h2 * s2[j] + h3 * s3[j]
+        else:
+            for j in range(n):
+                out[j] += h0 * s0[j] + h1 * s1[j] + h2 * s2[j] + h3 * s3[j]
 
 
 @njit(fastmath=True)
@@ -84,28 +83,29 @@ def rings(channels, columns, taps, size):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=True)
-def apply(top, end, c, x, stencil, side, taps, size, on_the_way, resume, out):  # type: ignore[no-untyped-def]
-    """out ← 2 Bᵀ (M B x − b) in rows top to end of channel c.
+def apply(top, end, c, x, stencil, side, taps, size, factor, on_the_way, resume, out):  # type: ignore[no-untyped-def]
+    """out ← factor · Bᵀ (M B x − b) in rows top to end of channel c.
 
     Args:
         x, out: (C, rows + 4, columns + 4), padded by 2.
         stencil: (5, nodes + 2, nodes + 2); side: (C, nodes + 2, nodes + 2), b, or (C, 0, 0) = none; padded
             by 1.
         taps: padded with zeros to a multiple of four; the first `size` of them count.
+        factor: a number of x's type.
         on_the_way, resume: `rings`, and whether they hold what a call that ended at `top` has left.
     """
     rows, columns, padded = x.shape[1] - 4, x.shape[2] - 4, taps.size
-    node_rows, nodes = rows - size + 1, columns - size + 1
-    one, two = x.dtype.type(1), x.dtype.type(2)
+    node_rows, nodes, one = rows - size + 1, columns - size + 1, x.dtype.type(1)
     along, blurred, residual, across = on_the_way
     first = top + 1 if resume else top - size
     ready = top + size if resume else max(0, top - size)
     for q in range(first, end + 1):
         if 0 <= q < node_rows:
             while ready < q + size:
-                _blur_along(x, (c, ready + 2), 2, taps, one, view(along, (c, ready % padded), 0, nodes))
+                # Taps that are zero may read beyond the row, into the padding.
+                blur_along(x, (c, ready + 2), 2, taps, one, view(along, (c, ready % padded), 0, nodes))
                 ready += 1
-            _blur_across(c, along, q, 1, taps, view(blurred, (c, q % 3), 1, nodes))
+            blur_across(c, along, q, 1, taps, view(blurred, (c, q % 3), 1, nodes))
         else:
             _clear(view(blurred, (c, q % 3), 0, nodes + 2))
         r = q - 1
@@ -120,18 +120,18 @@ def apply(top, end, c, x, stencil, side, taps, size, on_the_way, resume, out):  
             _clear(fresh)
         if r >= top:
             # Σ_k taps[k] residual(row r − k); symmetric taps let the columns run forward.
-            _blur_across(c, residual, r, -1, taps, across)
-            _blur_along(across, (), 0, taps, two, view(out, (c, r + 2), 2, columns))
+            blur_across(c, residual, r, -1, taps, across)
+            blur_along(across, (), 0, taps, factor, view(out, (c, r + 2), 2, columns))
 
 
 @njit(nogil=True, cache=True)
-def transform(rank, threads, x, stencil, side, taps, size, out):  # type: ignore[no-untyped-def]
+def transform(rank, threads, x, stencil, side, taps, size, factor, out):  # type: ignore[no-untyped-def]
     """`apply` to every channel of x (C, …) by a team; side (C, …) or (C, 0, 0)."""
     rows = x.shape[1] - 4
     top, end = rank * rows // threads, (rank + 1) * rows // threads
     own = rings(x.shape[0], x.shape[2] - 4, taps, size)
     for c in range(x.shape[0]):
-        apply(top, end, c, x, stencil, side, taps, size, own, False, out)
+        apply(top, end, c, x, stencil, side, taps, size, factor, own, False, out)
 
 
 @njit(nogil=True, cache=True)
@@ -145,6 +145,6 @@ def blur(rank, threads, x, taps, size, out):  # type: ignore[no-untyped-def]
         ready = top
         for q in range(top, end):
             while ready < q + size:
-                _blur_along(x, (c, ready + 2), 2, taps, one, view(along, (0, ready % padded), 0, nodes))
+                blur_along(x, (c, ready + 2), 2, taps, one, view(along, (0, ready % padded), 0, nodes))
                 ready += 1
-            _blur_across(0, along, q, 1, taps, view(out, (c, q + 1), 1, nodes))
+            blur_across(0, along, q, 1, taps, view(out, (c, q + 1), 1, nodes))

@@ -6,7 +6,7 @@ The direction is −gradient / (curvature of the data + diagonal of the majorant
 import numpy as np
 from numba import njit
 
-from solver.kernels.prior import inside, square, stiffen, weights_at
+from solver.kernels.prior import add_squares, inside, stiffen, weights_at
 from solver.kernels.view import view
 
 _IN_ORDER = {"contract", "nnan", "ninf", "nsz"}
@@ -155,7 +155,10 @@ def descend(  # type: ignore[no-untyped-def]
             out = view(sums, (row,), 0, 6)
         for k in range(6):
             out[k] = 0
-        square(i, x, slope, own, within, squares)
+        for j in range(n):
+            squares[j] = 0
+        for c in range(channels):
+            add_squares(c, i, x, slope, own, within, squares)
         stiffen(squares, view(radius, (i,), 2, n), epsilon, view(ring, (places[0],), 2, n), out)
         if row < top:
             continue

@@ -37,7 +37,7 @@ def weights_at(row, rows, weights):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=True, error_model="numpy")
-def _add_squares(c, i, x, slope, own, inside, squares):  # type: ignore[no-untyped-def]
+def add_squares(c, i, x, slope, own, inside, squares):  # type: ignore[no-untyped-def]
     """Add one channel's ‖∇x − slope‖² at row i, whose weights are `own`."""
     n, a, at, next1, next2 = squares.size, 2, (c, i), (c, i + 1), (c, i + 2)
     here, right, right2 = view(x, at, a, n), view(x, at, a + 1, n), view(x, at, a + 2, n)
@@ -60,15 +60,6 @@ def _add_squares(c, i, x, slope, own, inside, squares):  # type: ignore[no-untyp
             g3, g4, g5 = v - antidiagonal[j], v - right2[j], v - down2[j]
             near = one[j] * (w0 * g0 * g0 + w2 * g2 * g2) + w1 * g1 * g1
             squares[j] += near + back[j] * w3 * g3 * g3 + two[j] * w4 * g4 * g4 + w5 * g5 * g5
-
-
-@njit
-def square(i, x, slope, own, inside, squares):  # type: ignore[no-untyped-def]
-    """squares ← ‖∇x − slope‖² by pixel of row i, whose weights are `own`; all channels are one group."""
-    for j in range(squares.size):
-        squares[j] = 0
-    for c in range(x.shape[0]):
-        _add_squares(c, i, x, slope, own, inside, squares)
 
 
 @njit(fastmath=True, error_model="numpy")
@@ -95,10 +86,12 @@ def norms(rank, size, x, slope, weights, out):  # type: ignore[no-untyped-def]
 
     Args: weights: (6,), the squared weights of the differences.
     """
-    rows, n = x.shape[1] - 4, x.shape[2] - 4
+    channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
     squares, within = np.zeros(n, x.dtype), inside(n, x.dtype)
     for row in range(rank * rows // size, (rank + 1) * rows // size):
-        square(row + 2, x, slope, weights_at(row, rows, weights), within, squares)
+        squares[:] = 0
+        for c in range(channels):
+            add_squares(c, row + 2, x, slope, weights_at(row, rows, weights), within, squares)
         for j in range(n):
             out[row + 2, j + 2] = np.sqrt(squares[j])
 
@@ -114,10 +107,12 @@ def _weighed(squares, radius):  # type: ignore[no-untyped-def]
 @njit(nogil=True, cache=True)
 def values(rank, size, x, slope, weights, radius, sums):  # type: ignore[no-untyped-def]
     """sums (rows,) float64 ← Σ radius ‖∇x − slope‖₂ by row; the others as for `norms`."""
-    rows, n = x.shape[1] - 4, x.shape[2] - 4
+    channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
     squares, within = np.zeros(n, x.dtype), inside(n, x.dtype)
     for row in range(rank * rows // size, (rank + 1) * rows // size):
-        square(row + 2, x, slope, weights_at(row, rows, weights), within, squares)
+        squares[:] = 0
+        for c in range(channels):
+            add_squares(c, row + 2, x, slope, weights_at(row, rows, weights), within, squares)
         sums[row] = _weighed(squares, radius[row + 2, 2 : 2 + n])
 
 

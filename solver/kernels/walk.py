@@ -49,7 +49,7 @@ def refresh(top, end, map, operators, work, kept):  # type: ignore[no-untyped-de
     x, data = map[0], work[0]
     _, _, (stencil, side, taps, size), (levels, unit, lift) = operators
     for c in range(x.shape[0]):
-        apply(top, end, c, x, stencil, side, taps, size, kept, False, data)
+        apply(top, end, c, x, stencil, side, taps, size, x.dtype.type(2), kept, False, data)
         if levels.shape[1] > 0:
             pull(top, end, c, x, levels, unit, data)
             data[c, top + 2 : end + 2] += lift[c, top + 2 : end + 2]
@@ -74,11 +74,11 @@ def bends(top, end, resume, operators, work, slack, within, kept, sums):  # type
     """
     _, step, direction, curved, _, _ = work
     weights, curvature, (stencil, _, taps, size), (levels, unit, _) = operators
-    channels, n = direction.shape[0], direction.shape[2] - 4
+    channels, n, two = direction.shape[0], direction.shape[2] - 4, direction.dtype.type(2)
     diagonal, none = stencil.shape[1] == 0, direction[:0]
     if not diagonal:
         for c in range(channels):
-            apply(top, end, c, direction, stencil, none, taps, size, kept, resume, curved)
+            apply(top, end, c, direction, stencil, none, taps, size, two, kept, resume, curved)
             if levels.shape[1] > 0:
                 pull(top, end, c, direction, levels, unit, curved)
     for row in range(top, end):
