@@ -28,7 +28,9 @@ def smoothed(values: NDArray[np.float32], weight: NDArray[np.float32], factor: i
         np.asarray(cv2.GaussianBlur(image, (0, 0), spread, borderType=cv2.BORDER_CONSTANT), np.float32)
         for image in (values * weight, weight)
     )
-    return np.asarray(ratio(total[None], share, 1e-3 * float(weight.max()))[0], np.float32)
+    # The second is for factors so large that a lone sample's weight thins out to less than the first.
+    least = min(1e-3 * float(weight.max()), 0.1 * float(share.max()))
+    return np.asarray(ratio(total[None], share, least)[0], np.float32)
 
 
 def ratio(totals: NDArray[np.floating], share: NDArray[np.floating], least: float) -> NDArray[np.floating]:

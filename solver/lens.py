@@ -10,6 +10,7 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+import solver.kernels  # noqa: F401  tells Numba's cache what kernels are compiled from
 from solver.errors import FusionInputError
 
 Float = NDArray[np.float64]

@@ -9,6 +9,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+import solver.kernels  # noqa: F401  tells Numba's cache what kernels are compiled from
+
 Image = NDArray[np.float32]
 
 

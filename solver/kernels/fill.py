@@ -6,7 +6,10 @@ from numba import njit
 
 @njit(cache=True)
 def take(labels, known, values):  # type: ignore[no-untyped-def]
-    """values ← at unknown pixels that of the known pixel with the same label, in place; (rows, columns)."""
+    """values ← at unknown pixels that of the known pixel with the same label, in place; (rows, columns).
+
+    There must be such a one for every label.
+    """
     rows, columns = known.shape
     table = np.empty(rows * columns + 1, values.dtype)
     for i in range(rows):
@@ -38,7 +41,7 @@ def relax(values, rows, columns, sweeps, over):  # type: ignore[no-untyped-def]
     A pixel stands for the neighbours that it lacks. It is quick where no pixel is next to the one before it.
     """
     height, width = values.shape
-    flat, one, quarter = values.reshape(-1), values.dtype.type(over), values.dtype.type(0.25)
+    flat, factor, quarter = values.reshape(-1), values.dtype.type(over), values.dtype.type(0.25)
     around = np.empty((rows.size, 5), np.uintp)
     for n in range(rows.size):
         i, j = rows[n], columns[n]
@@ -49,4 +52,4 @@ def relax(values, rows, columns, sweeps, over):  # type: ignore[no-untyped-def]
         for n in range(rows.size):
             here, a = around[n, 0], around[n]
             total = (flat[a[1]] + flat[a[2]]) + (flat[a[3]] + flat[a[4]])
-            flat[here] += one * (quarter * total - flat[here])
+            flat[here] += factor * (quarter * total - flat[here])

@@ -4,9 +4,6 @@ Each thread has its rows; sums are kept by row and added in order by every threa
 same decisions, and results are the same bits for any number of threads.
 """
 
-import hashlib
-from pathlib import Path
-
 import numpy as np
 from numba import njit
 
@@ -56,82 +53,66 @@ def error(history, count, least):  # type: ignore[no-untyped-def]
     return later * max(1.0, 3 * ratio / (1 - ratio))
 
 
-def _compiled(sources: str):  # type: ignore[no-untyped-def]
-    """The loop; its place in Numba's cache goes by the sources that are compiled into it."""
+@njit(nogil=True, cache=True)
+def iterate(rank, size, barrier, map, operators, work, sums, rule, numbers, history):  # type: ignore[no-untyped-def]
+    """Iterate until the objective has settled or `history` is full.
 
-    @njit(nogil=True, cache=True)
-    def iterate(rank, size, barrier, map, operators, work, sums, rule, numbers, history):  # type: ignore[no-untyped-def]
-        """Iterate until the objective has settled or `history` is full.
-
-        Args:
-            map: (x, slope, radius): the map (C, rows + 4, columns + 4), padded by 2 as all images are, in
-                place; slope and radius see `direction.descend`.
-            operators: (weights, curvature, footprint, ties): the first two see there; footprint is
-                (stencil, side, taps, size) of `blur.apply`, no stencil = a diagonal operator, whose diagonal
-                is the curvature; ties are (levels, unit, lift) of `kernels.ties`, no levels = none.
-            work: (data, step, direction, curved, curved_step, stiffness): the data term's gradient (C, …),
-                kept up to date, or the map that a diagonal operator draws to; the last step and the last
-                direction (C, …); the operator's products with direction and step, unless it is diagonal; and
-                (rows, columns + 4) for the stiffness of rows at the border of a thread's part.
-            sums: (rows, 11), see `walk`.
-            rule: (tolerance, part that the rounding may hide, fall of ε, patience, iterations to a refresh,
-                least iterations of a fall).
-            numbers: (5,) in and out: ε, value of the data term, iterations, 1 = settled, the step's ⟨d, Hd⟩.
-            history: objectives by iteration, out.
-        """
-        sources  # noqa: B018
-        tolerance, hide, fall_of_epsilon, patience, again, span = rule
-        kind, rows = map[0].dtype.type, map[0].shape[1] - 4
-        kept, dense = on_the_way(map, operators), operators[2][0].shape[1] > 0
-        own, settled, moving, by = history.copy(), False, False, (kind(0), kind(0))
-        epsilon, fit, count, dd = numbers[EPSILON], numbers[FIT], int(numbers[DONE]), numbers[BENT]
-        within = inside(map[0].shape[2] - 4, kind)
-        walked = part(rank, size, rows, reach_of(operators))
-        top, low, high, end = part(rank, size, rows, REACH)
-        while count < history.size and not settled:
-            fresh = dense and count % again == 0
-            ahead = (end, end)
-            if moving:
-                # What the neighbours read in the walk, or at once, is moved before it.
-                ahead = (end, end) if fresh else (low, high)
-                move(top, ahead[0], by, map, operators, work)
-                move(ahead[1], end, by, map, operators, work)
-                meet(barrier, size)
-            if fresh:
-                refresh(top, end, map, operators, work, kept)
-            walk(walked, ahead, by, kind(epsilon), map, operators, work, kept, sums)
-            meet(barrier, size)
-            bends(top, walked[1], False, operators, work, work[5], within, kept, sums)
-            bends(walked[2], end, False, operators, work, work[5], within, kept, sums)
-            meet(barrier, size)
-            roughness, hidden, along, across, data_along, data_across, lzz, lzd, ldd, zz, zd = _total(sums)
-            a, b = least(along, across, lzz + zz, lzd + zd, ldd + dd)
-            by, moving = (kind(a), kind(b)), True
-            value = fit + roughness
-            own[count] = value
-            count += 1
-            # The new step's product with the data's operator follows from those of the two it is made of.
-            dd = a * a * zz + 2 * a * b * zd + b * b * dd
-            fit += a * data_along + b * data_across + 0.5 * dd
-            left = error(own, count, span)
-            settled = hidden <= hide * value and left <= tolerance * value
-            if hidden > max(0.5 * hide * value, patience * left if left < np.inf else 0.0):
-                epsilon *= fall_of_epsilon
+    Args:
+        map: (x, slope, radius): the map (C, rows + 4, columns + 4), padded by 2 as all images are, in
+            place; slope and radius see `direction.descend`.
+        operators: (weights, curvature, footprint, ties): the first two see there; footprint is
+            (stencil, side, taps, size) of `blur.apply`, no stencil = a diagonal operator, whose diagonal
+            is the curvature; ties are (levels, unit, lift) of `kernels.ties`, no levels = none.
+        work: (data, step, direction, curved, curved_step, stiffness): the data term's gradient (C, …),
+            kept up to date, or the map that a diagonal operator draws to; the last step and the last
+            direction (C, …); the operator's products with direction and step, unless it is diagonal; and
+            (rows, columns + 4) for the stiffness of rows at the border of a thread's part.
+        sums: (rows, 11), see `walk`.
+        rule: (tolerance, part that the rounding may hide, fall of ε, patience, iterations to a refresh,
+            least iterations of a fall).
+        numbers: (5,) in and out: ε, value of the data term, iterations, 1 = settled, the step's ⟨d, Hd⟩.
+        history: objectives by iteration, out.
+    """
+    tolerance, hide, fall_of_epsilon, patience, again, span = rule
+    kind, rows = map[0].dtype.type, map[0].shape[1] - 4
+    kept, dense = on_the_way(map, operators), operators[2][0].shape[1] > 0
+    own, settled, moving, by = history.copy(), False, False, (kind(0), kind(0))
+    epsilon, fit, count, dd = numbers[EPSILON], numbers[FIT], int(numbers[DONE]), numbers[BENT]
+    within = inside(map[0].shape[2] - 4, kind)
+    walked = part(rank, size, rows, reach_of(operators))
+    top, low, high, end = part(rank, size, rows, REACH)
+    while count < history.size and not settled:
+        fresh = dense and count % again == 0
+        ahead = (end, end)
         if moving:
-            move(top, end, by, map, operators, work)
-        if rank == 0:
-            history[:] = own
-            numbers[EPSILON], numbers[FIT], numbers[DONE], numbers[SETTLED] = epsilon, fit, count, settled
-            numbers[BENT] = dd
-
-    return iterate
-
-
-def _sources() -> str:
-    digest = hashlib.sha256()
-    for name in ("blur", "direction", "prior", "step", "team", "ties", "view", "walk"):
-        digest.update((Path(__file__).parent / f"{name}.py").read_bytes())
-    return digest.hexdigest()
-
-
-iterate = _compiled(_sources())
+            # What the neighbours read in the walk, or at once, is moved before it.
+            ahead = (end, end) if fresh else (low, high)
+            move(top, ahead[0], by, map, operators, work)
+            move(ahead[1], end, by, map, operators, work)
+            meet(barrier, size)
+        if fresh:
+            refresh(top, end, map, operators, work, kept)
+        walk(walked, ahead, by, kind(epsilon), map, operators, work, kept, sums)
+        meet(barrier, size)
+        bends(top, walked[1], False, operators, work, work[5], within, kept, sums)
+        bends(walked[2], end, False, operators, work, work[5], within, kept, sums)
+        meet(barrier, size)
+        roughness, hidden, along, across, data_along, data_across, lzz, lzd, ldd, zz, zd = _total(sums)
+        a, b = least(along, across, lzz + zz, lzd + zd, ldd + dd)
+        by, moving = (kind(a), kind(b)), True
+        value = fit + roughness
+        own[count] = value
+        count += 1
+        # The new step's product with the data's operator follows from those of the two it is made of.
+        dd = a * a * zz + 2 * a * b * zd + b * b * dd
+        fit += a * data_along + b * data_across + 0.5 * dd
+        left = error(own, count, span)
+        settled = hidden <= hide * value and left <= tolerance * value
+        if hidden > max(0.5 * hide * value, patience * left if left < np.inf else 0.0):
+            epsilon *= fall_of_epsilon
+    if moving:
+        move(top, end, by, map, operators, work)
+    if rank == 0:
+        history[:] = own
+        numbers[EPSILON], numbers[FIT], numbers[DONE], numbers[SETTLED] = epsilon, fit, count, settled
+        numbers[BENT] = dd

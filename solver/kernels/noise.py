@@ -38,10 +38,11 @@ def _second_difference(image, i, j, corner, side, centre):  # type: ignore[no-un
 
 @njit(cache=True, error_model="numpy")
 def mixed_differences(distance, inverse, span):  # type: ignore[no-untyped-def]
-    """The finite |mixed second differences| of frames (N, H, W), each over its deviation for σ = inverse.
+    """The finite |mixed second differences| of frames (N, H, W), each over its deviation for σ² = inverse.
 
     Args:
-        inverse: 1 / amplitude² like distance, or (0, H, W): every deviation is then that for σ = 1.
+        inverse: 1 / amplitude² like distance, or (0, H, W): every deviation is then that for σ = 1. Where it
+            is infinite, a sample tells nothing of the noise.
         span: the ambiguity range, whole ones of which are taken off; 0 = none.
     """
     frames, rows, columns = distance.shape
@@ -58,7 +59,7 @@ def mixed_differences(distance, inverse, span):  # type: ignore[no-untyped-def]
                 if inverse.shape[0] > 0:
                     scale = np.sqrt(_second_difference(inverse[k], i, j, one, four, four * four))
                 ratio = np.float32(abs(value) / scale)
-                if np.isfinite(ratio):
+                if np.isfinite(ratio) and np.isfinite(scale):
                     out[count] = ratio
                     count += 1
     return out[:count]

@@ -1,7 +1,6 @@
 """Averages under a Gaussian along and across rows; its taps are the middle one and those on one side.
 
-Of these there are a multiple of three. Borders are mirrored, the last pixel not repeated. Kernels of other
-files take this in when they are compiled, and Numba looks at their own files only: touch them after a change.
+Of these there are a multiple of three. Borders are mirrored, the last pixel not repeated.
 """
 
 import numpy as np

@@ -8,7 +8,7 @@ as the loop runs, and a meeting takes a tenth of a microsecond. Who waits long l
 import os
 import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any
 
 import numba
@@ -20,8 +20,9 @@ from numba.extending import intrinsic
 _PATIENCE = 2000
 """Looks at the barrier, some microseconds, before a waiting thread lets others run at every look."""
 
-_TURN = 8
-"""Where a barrier counts its meetings; a cache line away from where it counts those who have come."""
+_COME, _BROKEN, _TURN = 0, 1, 8
+"""Where a barrier counts those who have come, where it says that one never will, and, a cache line away,
+where it counts its meetings."""
 
 _sched_yield = types.ExternalFunction("sched_yield", types.int32())
 
@@ -59,18 +60,24 @@ def _read(_, array, index):  # type: ignore[no-untyped-def]  # noqa: ARG001
 
 @njit(nogil=True)
 def meet(barrier, size):  # type: ignore[no-untyped-def]
-    """Return once all `size` threads have come; what each wrote before, all can read after."""
+    """Return once all `size` threads have come; what each wrote before, all can read after.
+
+    Raises:
+        RuntimeError: one of them has failed.
+    """
     if size == 1:
         return
     turn = _read(barrier, _TURN)  # type: ignore[call-arg, var-annotated]
-    if _add(barrier, 0, 1) == size - 1:
-        _add(barrier, 0, -size)
+    if _add(barrier, _COME, 1) == size - 1:
+        _add(barrier, _COME, -size)
         _add(barrier, _TURN, 1)
         return
     looks = 0
     while _read(barrier, _TURN) == turn:
         looks += 1
         if looks > _PATIENCE:
+            if _read(barrier, _BROKEN):
+                raise RuntimeError("another thread of the team has failed")
             _sched_yield()
 
 
@@ -79,8 +86,26 @@ _pool: ThreadPoolExecutor | None = None
 
 
 def run(loop: Callable[..., None], *arguments: Any) -> None:
-    """`share` of loop(rank, size, barrier, *arguments), whose threads `meet` at the barrier."""
-    share(loop, np.zeros(_TURN + 8, np.int64), *arguments)
+    """`share` of loop(rank, size, barrier, *arguments), whose threads `meet` at the barrier.
+
+    Where one fails, as for want of memory, the others leave the barrier, and what it raised is raised here.
+    """
+    barrier = np.zeros(_TURN + 8, np.int64)
+    failures: list[BaseException] = []
+
+    def member(rank: int, size: int) -> None:
+        try:
+            loop(rank, size, barrier, *arguments)
+        except BaseException as failure:
+            failures.append(failure)
+            barrier[_BROKEN] = 1
+
+    try:
+        share(member)
+    finally:
+        barrier[_BROKEN] = 1  # for those who would wait for one that could not be started
+    if failures:
+        raise failures[0]
 
 
 def share(loop: Callable[..., None], *arguments: Any) -> None:
@@ -95,7 +120,11 @@ def share(loop: Callable[..., None], *arguments: Any) -> None:
         return
     try:
         others = [_others().submit(loop, rank, size, *arguments) for rank in range(1, size)]
-        loop(0, size, *arguments)
+        try:
+            loop(0, size, *arguments)
+        finally:
+            # Also after a failure nobody may still write to what the caller has back.
+            wait(others)
         for other in others:
             other.result()
     finally:

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.registration.grid import Place
+from solver.registration.grid import PLACES, Place
 from solver.registration.mosaic import Mosaic
 from solver.registration.motion import Motion
 from solver.registration.points import Points
@@ -109,7 +109,7 @@ def _sum_frames(  # type: ignore[no-untyped-def]
                 _sum_shifts(terms, used, camera, sums[k])
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=PLACES)
 def _interpolate(values, weights, row, column, U, kind, grid, terms, counts):  # type: ignore[no-untyped-def]
     """Per sample where the mosaic is steep: ΣU_y², ΣU_yU_x, ΣU_x², ΣU_y r, ΣU_x r, Σr², w, row and column.
 

@@ -14,6 +14,7 @@ Borders = tuple[tuple[int, int], tuple[int, int]]
 
 MARGIN = 2  # pixels around the samples, for slopes at the border
 SPARE = 6  # nodes; a grid that grows often costs more than one that is somewhat larger
+PLACES = {"contract", "reassoc", "arcp", "nsz"}  # may be assumed of places: not that they are numbers
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +62,7 @@ class Grid:
         return replace(self, origin=(self.origin[0] + half, self.origin[1] + half))
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=PLACES)
 def _extent(row, column, height, width):  # type: ignore[no-untyped-def]
     """First and last row and column of the places that are at most one image away from the reference."""
     rows, columns = np.float32(height), np.float32(width)

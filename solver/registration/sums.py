@@ -5,7 +5,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.registration.grid import Grid, Place
+from solver.registration.grid import PLACES, Grid, Place
 from solver.registration.mosaic import Mosaic
 from solver.registration.points import Points
 from solver.registration.steepness import Mask, node_kinds, quantile, thinned
@@ -92,7 +92,7 @@ def _weighted_mean(sums: Image) -> Image:
     return result
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=PLACES)
 def _accumulate(values, weights, row, column, row0, column0, density, sums):  # type: ignore[no-untyped-def]
     """Add the samples to the stencil and the right sides."""
     rows, columns = sums.shape[1:]

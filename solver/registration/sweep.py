@@ -21,6 +21,7 @@ Image = NDArray[np.float32]
 
 EPSILON = 0.3  # of a deviation between nodes: where the prior turns from quadratic to absolute
 BANDS = 4  # of rows, each swept on its own: as many threads may share a sweep, whose result is the same
+_NOBODY = np.zeros(0, np.int64)  # the barrier of one thread
 
 
 def sweep(sums: Image, image: Image, into: Image, smoothing: float, density: float) -> None:
@@ -32,21 +33,26 @@ def sweep(sums: Image, image: Image, into: Image, smoothing: float, density: flo
         smoothing: λ in units of 1/σ.
         density: nodes per pixel.
     """
-    _sweep(0, 1, sums, image, into, np.float32(smoothing), np.float32((EPSILON / density) ** 2))
+    _sweep(0, 1, _NOBODY, sums, image, into, *_prior(smoothing, density), np.float32(1), sums[:0])
 
 
 def sweep_and_fade(
     sums: Image, image: Image, into: Image, smoothing: float, density: float, keep: float, rest: Image
 ) -> None:
     """As `sweep`; then let the sums go on to keep · sums + (1 − keep) · rest."""
-    strength, epsilon2 = np.float32(smoothing), np.float32((EPSILON / density) ** 2)
-    team.run(_sweep_and_fade, sums, image, into, strength, epsilon2, np.float32(keep), rest)
+    team.run(_sweep, sums, image, into, *_prior(smoothing, density), np.float32(keep), rest)
+
+
+def _prior(smoothing: float, density: float) -> tuple[np.float32, np.float32]:
+    """λ and ε²."""
+    return np.float32(smoothing), np.float32((EPSILON / density) ** 2)
 
 
 @numba.njit(cache=True, nogil=True)
-def _sweep(rank, size, sums, image, into, strength, epsilon2):  # type: ignore[no-untyped-def]
+def _sweep(rank, size, barrier, sums, image, into, strength, epsilon2, keep, rest):  # type: ignore[no-untyped-def]
+    """A sweep by a team, after which the sums fade, unless `rest` is empty."""
     rows, columns = image.shape[1:]
-    scratch = np.zeros((8, columns), np.float32)
+    scratch, fades = np.zeros((8, columns), np.float32), len(rest) > 0
     for band in range(rank, BANDS, size):
         begin, end = band * rows // BANDS, (band + 1) * rows // BANDS
         _stiffen(image, begin - 1, strength, epsilon2, scratch)
@@ -54,24 +60,12 @@ def _sweep(rank, size, sums, image, into, strength, epsilon2):  # type: ignore[n
         for i in range(begin, end):
             _stiffen(image, i + 1, strength, epsilon2, scratch)
             _solve_row(sums, image, into if i > begin else image, into, i, scratch)
-
-
-@numba.njit(cache=True, nogil=True)
-def _sweep_and_fade(rank, size, barrier, sums, image, into, strength, epsilon2, keep, rest):  # type: ignore[no-untyped-def]
-    rows, columns = image.shape[1:]
-    scratch = np.zeros((8, columns), np.float32)
-    for band in range(rank, BANDS, size):
-        begin, end = band * rows // BANDS, (band + 1) * rows // BANDS
-        _stiffen(image, begin - 1, strength, epsilon2, scratch)
-        _stiffen(image, begin, strength, epsilon2, scratch)
-        for i in range(begin, end):
-            _stiffen(image, i + 1, strength, epsilon2, scratch)
-            _solve_row(sums, image, into if i > begin else image, into, i, scratch)
-            if i > begin:
+            if fades and i > begin:
                 _fade_row(sums, rest, i - 1, keep)
     meet(barrier, size)  # a band's last row is in the first equations of the next one
-    for band in range(rank, BANDS, size):
-        _fade_row(sums, rest, (band + 1) * rows // BANDS - 1, keep)
+    if fades:
+        for band in range(rank, BANDS, size):
+            _fade_row(sums, rest, (band + 1) * rows // BANDS - 1, keep)
 
 
 @numba.njit(cache=True, fastmath=True)

@@ -5,10 +5,11 @@ import numpy as np
 
 from solver.evaluation import DepthMap, make_trial, procedural_object
 from solver.registration.alignment import DENSITY, SMOOTHING
+from solver.registration.equations import POSITION_ERROR, normal_equations
 from solver.registration.grid import Grid
 from solver.registration.motion import Shift
 from solver.registration.points import Points
-from solver.registration.samples import scaling
+from solver.registration.samples import Samples, scaling
 from solver.registration.sums import Sums
 from solver.registration.sweep import EPSILON, sweep, sweep_and_fade
 
@@ -38,6 +39,29 @@ def test_a_sweep_that_fades_is_a_sweep_and_lowers_what_is_minimised():
         numba.set_num_threads(threads)
     once, twice = (_misfit(sums.images, u) for u in (image, expected))
     assert twice < once
+
+
+def test_samples_that_look_nowhere_count_for_nothing():
+    """A lens may image a ray far outside its field at infinity, or at no place at all."""
+    shape, rng = (12, 15), np.random.default_rng(1)
+    samples = Samples(rng.normal(size=(1, 1, *shape)).astype(np.float32), np.ones((1, *shape), np.float32), 0)
+    points = Points.of(samples, Shift().base(samples), np.ones(1, np.bool_))
+    row, column = points.row.copy(), points.column.copy()
+    row[3], column[40], row[77], column[78] = np.nan, np.nan, np.inf, -np.inf
+    seen = np.isfinite(row) & np.isfinite(column)
+    grid = Grid.over((row, column), shape, DENSITY)
+    assert grid == Grid.over((row[seen], column[seen]), shape, DENSITY)
+    samples.weights.ravel()[~seen] = 0
+    fewer = Points.of(samples, Shift().base(samples), np.ones(1, np.bool_))
+    found, expected = Sums(grid, 1), Sums(grid, 1)
+    found.add(points, (row, column))
+    expected.add(fewer, (row[seen], column[seen]))
+    np.testing.assert_array_equal(found.images, expected.images)
+    mosaic = expected.solve(smoothing=SMOOTHING, sweeps=1)
+    equations = normal_equations(points, (row, column), mosaic, Shift(), POSITION_ERROR)
+    others = normal_equations(fewer, (row[seen], column[seen]), mosaic, Shift(), POSITION_ERROR)
+    np.testing.assert_array_equal(equations.matrix, others.matrix)
+    np.testing.assert_array_equal(equations.right, others.right)
 
 
 def _misfit(sums, image):
