@@ -28,13 +28,15 @@ Image = NDArray[np.float32]
 class Mosaic:
     """U (C, rows, columns), each node's kind, and the variance of its slopes per pixel from noise alone.
 
-    The kinds are `UNSEEN`, `FLAT` and `STEEP`.
+    The kinds are `UNSEEN`, `FLAT` and `STEEP`. The misfit (rows, columns) is what its samples' variance
+    really is in each cell, in σ²; None where it is one.
     """
 
     values: Image
     kind: Kind
     grid: Grid
     slope_noise: float
+    misfit: Image | None = None
 
 
 def resampled(mosaic: Mosaic, grid: Grid, factor: float) -> Image:
