@@ -40,6 +40,25 @@ def test_a_sweep_that_fades_is_a_sweep_and_lowers_what_is_minimised():
     assert twice < once
 
 
+def test_sweeps_over_few_samples_settle():
+    random = np.random.default_rng(0)
+    count, shape = 60, (16, 12)
+    row, column = (random.uniform(0, (n - 1) / DENSITY, count).astype(np.float32) for n in shape)
+    values, weights = random.normal(size=(count, 1)).astype(np.float32), np.full(count, 1e3, np.float32)
+    first, pixel = np.array([0, count]), np.zeros(count, np.int32)
+    points = Points(values, weights, row, column, pixel, first, shape, level=0, bent=True)
+    sums = Sums(Grid((0.0, 0.0), shape, DENSITY), channels=1)
+    sums.add(points, (row, column))
+    image = np.zeros((1, *shape), np.float32)
+    before, into = np.inf, image.copy()
+    for _ in range(200):
+        sweep(sums.images, image, into, SMOOTHING, DENSITY)
+        image, into = into, image
+        after = _misfit(sums.images, image)
+        assert after <= before + 1e-3 * abs(after)
+        before = after
+
+
 def _misfit(sums, image):
     """Uᵀ M U − 2 bᵀ U + 2 λ Σ √(|∇U|² + ε²) of a mosaic U (C, rows, columns)."""
     S, b = sums[:5].astype(float), sums[5:].astype(float)
