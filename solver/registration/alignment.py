@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from solver.errors import RegistrationError
 from solver.registration.equations import POSITION_ERROR, Equations, normal_equations
 from solver.registration.grid import Grid, Place
-from solver.registration.misfit import local_misfit
+from solver.registration.misfit import Misfit
 from solver.registration.mosaic import Mosaic, resampled
 from solver.registration.motion import Motion
 from solver.registration.points import Points
@@ -30,7 +30,7 @@ COARSE_STEP = 0.2  # pixels; the finer level goes on
 ALIASED = 0.2  # pixels; position error of a mosaic of one frame, whose edges alias
 DENSITY = 1.83  # nodes per pixel; two is the Nyquist limit of the footprint's first zero, 1.6 blurs
 PAIRWISE, COARSE, FINE = 4, 4, 4  # steps at most
-FINE_BENT, STEP_BENT = 6, 0.01  # the same where steep edges count for less, and steps fall shorter
+BENT_RELAXATION, BENT_FINE, BENT_STEP = 1.4, 6, 0.01  # where edges count for less, steps fall shorter
 ENOUGH = 0.5  # pixels
 SMOOTHING = 3.0  # λ; a tenth lets noise into the mosaic and biases high noise, ten times blurs it
 SWEEPS = 2  # per Gauss–Newton step; six times as many change nothing
@@ -174,7 +174,7 @@ class Alignment:
         grid = Grid.over(place, points.shape, DENSITY)
         start = None if coarser is None else resampled(coarser, grid, factor=0.5)
         sums = Sums(grid, points.values.shape[1])
-        most, enough = (FINE_BENT, STEP_BENT) if points.bent else (FINE, STEP)
+        most, enough = (BENT_FINE, BENT_STEP) if points.bent else (FINE, STEP)
         for step in range(most):
             before = self.parameters
             mosaic, equations, moved = self._joint_step(points, place, sums, start)
@@ -192,7 +192,9 @@ class Alignment:
         sums.add(points, place)
         mosaic = sums.solve(smoothing=SMOOTHING, sweeps=COLD if start is None else SWEEPS, start=start)
         if points.bent:
-            mosaic = replace(mosaic, misfit=local_misfit(points, place, mosaic))
+            misfit = Misfit(sums.grid.size)
+            misfit.add(points, place, mosaic)
+            mosaic = replace(mosaic, misfit=misfit.image())
         equations = self._equations(points, place, mosaic, POSITION_ERROR)
         return mosaic, equations, self._step(equations, hold_reference=False)
 
@@ -214,7 +216,8 @@ class Alignment:
         stiffness = 1 / ((2.0 if self.guided else 5.0) * unit) ** 2
         steps, self.covariance = solve_steps(equations, self.guess - self.parameters, stiffness, unit)
         limit = 2.0 ** (len(self.levels) - 1) * unit
-        steps = np.clip(steps if hold_reference else RELAXATION * steps, -limit, limit)
+        relaxation = BENT_RELAXATION if self.levels[0].bent else RELAXATION
+        steps = np.clip(steps if hold_reference else relaxation * steps, -limit, limit)
         steps[list(self.rejected)] = 0
         if hold_reference:
             steps[self.reference] = 0

@@ -6,6 +6,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.registration.derivatives import differentiate, sum_shifts, sum_turns
 from solver.registration.grid import Place
 from solver.registration.lines import lines_of, share_errors
 from solver.registration.mosaic import Mosaic
@@ -121,10 +122,10 @@ def _sum_frames(  # type: ignore[no-untyped-def]
             if lines.size > 0:
                 share_errors(terms, number, used, width, blur2, lines)
             if rotational:
-                _differentiate(terms, used, camera, jacobian)
-                _sum_turns(terms, used, jacobian, sums[k])
+                differentiate(terms, used, camera, jacobian)
+                sum_turns(terms, used, jacobian, sums[k])
             else:
-                _sum_shifts(terms, used, camera, sums[k])
+                sum_shifts(terms, used, camera, sums[k])
 
 
 @numba.njit(cache=True, fastmath=True)
@@ -204,63 +205,3 @@ def _weigh(terms, used, density, blur2, counts):  # type: ignore[no-untyped-def]
         weight[s] = trust / variance * (knee / max(deviations, knee))
     counts[1] += trusts
     counts[2] += misfits
-
-
-@numba.njit(cache=True, fastmath=True)
-def _sum_shifts(terms, used, camera, sums):  # type: ignore[no-untyped-def]
-    yy, yx, xx = terms[0, :used], terms[1, :used], terms[2, :used]
-    yr, xr, weight = terms[3, :used], terms[4, :used], terms[6, :used]
-    a = b = c = d = e = total = np.float32(0.0)
-    for s in range(used):
-        w = weight[s]
-        a += w * yy[s]
-        b += w * yx[s]
-        c += w * xx[s]
-        d += w * yr[s]
-        e += w * xr[s]
-        total += w
-    fy, fx = camera[0], camera[1]
-    sums[0] += fy * fy * a
-    sums[1] += fy * fx * b
-    sums[3] += fx * fx * c
-    sums[6] += fy * d
-    sums[7] += fx * e
-    # What slopes of noise alone would add, for a variance of one.
-    sums[9] += fy * fy * total
-    sums[12] += fx * fx * total
-
-
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
-def _differentiate(terms, used, camera, jacobian):  # type: ignore[no-untyped-def]
-    """Derivatives of row, then column, by a small turn about x, y and z, the lens left out."""
-    fy, fx, cy, cx, one = camera[0], camera[1], camera[2], camera[3], np.float32(1.0)
-    row, column = terms[7, :used], terms[8, :used]
-    y0, y1, y2 = jacobian[0, :used], jacobian[1, :used], jacobian[2, :used]
-    x0, x1, x2 = jacobian[3, :used], jacobian[4, :used], jacobian[5, :used]
-    for s in range(used):
-        x, y = (column[s] - cx) / fx, (row[s] - cy) / fy
-        y0[s], y1[s], y2[s] = -fy * (one + y * y), fy * x * y, fy * x
-        x0[s], x1[s], x2[s] = -fx * x * y, fx * (one + x * x), -fx * y
-
-
-@numba.njit(cache=True, fastmath=True)
-def _sum_turns(terms, used, jacobian, sums):  # type: ignore[no-untyped-def]
-    yy, yx, xx = terms[0, :used], terms[1, :used], terms[2, :used]
-    yr, xr, weight = terms[3, :used], terms[4, :used], terms[6, :used]
-    upper = 0
-    for a in range(3):
-        ya, xa, right = jacobian[a, :used], jacobian[3 + a, :used], np.float32(0.0)
-        for s in range(used):
-            right += weight[s] * (yr[s] * ya[s] + xr[s] * xa[s])
-        sums[6 + a] += right
-        for b in range(a, 3):
-            yb, xb = jacobian[b, :used], jacobian[3 + b, :used]
-            matrix = noise = np.float32(0.0)
-            for s in range(used):
-                w, down, across = weight[s], yy[s] * yb[s] + yx[s] * xb[s], yx[s] * yb[s] + xx[s] * xb[s]
-                matrix += w * (ya[s] * down + xa[s] * across)
-                # What slopes of noise alone would add, for a variance of one.
-                noise += w * (ya[s] * yb[s] + xa[s] * xb[s])
-            sums[upper] += matrix
-            sums[9 + upper] += noise
-            upper += 1

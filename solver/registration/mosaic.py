@@ -68,7 +68,8 @@ def halved(mosaic: Mosaic) -> Mosaic:
     origin = (grid.origin[0] + 0.5) / 2 - 0.5, (grid.origin[1] + 0.5) / 2 - 0.5
     covered = mosaic.kind[::2, ::2] != UNSEEN
     coarse = Grid(origin, size, grid.density)
-    return Mosaic(values, node_kinds(values, covered), coarse, mosaic.slope_noise / 4)
+    misfit = None if mosaic.misfit is None else np.ascontiguousarray(mosaic.misfit[::2, ::2])
+    return Mosaic(values, node_kinds(values, covered), coarse, mosaic.slope_noise / 4, misfit)
 
 
 @numba.njit(cache=True, fastmath=True)
