@@ -8,14 +8,10 @@ from solver.registration.sums import WITHIN
 
 Image = NDArray[np.float32]
 
-SUMS = (
-    4  # per line: what each row, then each column, tells of a displacement across it, and that displacement
-)
-
 
 def lines_of(shape: tuple[int, int]) -> Image:
-    """Room for the sums of all rows and columns of an image."""
-    return np.empty((SUMS, max(shape)), np.float32)
+    """Room for four sums: what each row, then each column, tells of a displacement, and its pull."""
+    return np.empty((4, max(shape)), np.float32)
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
