@@ -1,11 +1,14 @@
 """Hierarchical Lucas–Kanade, first against the reference, then all frames against their mosaic."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import RegistrationError
 from solver.registration.equations import POSITION_ERROR, Equations, normal_equations
 from solver.registration.grid import Grid, Place
+from solver.registration.misfit import Misfit
 from solver.registration.mosaic import Mosaic, resampled
 from solver.registration.motion import Motion
 from solver.registration.points import Points
@@ -27,6 +30,7 @@ COARSE_STEP = 0.2  # pixels; the finer level goes on
 ALIASED = 0.2  # pixels; position error of a mosaic of one frame, whose edges alias
 DENSITY = 1.83  # nodes per pixel; two is the Nyquist limit of the footprint's first zero, 1.6 blurs
 PAIRWISE, COARSE, FINE = 4, 4, 4  # steps at most
+BENT_RELAXATION, BENT_FINE, BENT_STEP = 1.4, 6, 0.01  # where edges count for less, steps fall shorter
 ENOUGH = 0.5  # pixels
 SMOOTHING = 3.0  # λ; a tenth lets noise into the mosaic and biases high noise, ten times blurs it
 SWEEPS = 2  # per Gauss–Newton step; six times as many change nothing
@@ -170,10 +174,11 @@ class Alignment:
         grid = Grid.over(place, points.shape, DENSITY)
         start = None if coarser is None else resampled(coarser, grid, factor=0.5)
         sums = Sums(grid, points.values.shape[1])
-        for step in range(FINE):
+        most, enough = (BENT_FINE, BENT_STEP) if points.bent else (FINE, STEP)
+        for step in range(most):
             before = self.parameters
             mosaic, equations, moved = self._joint_step(points, place, sums, start)
-            if step > 0 and moved < STEP:
+            if step > 0 and moved < enough:
                 break
             place, grid = self._place(points), grid.staggered(step)
             start = resampled(mosaic, grid, factor=1.0)
@@ -186,6 +191,10 @@ class Alignment:
     ) -> tuple[Mosaic, Equations, float]:
         sums.add(points, place)
         mosaic = sums.solve(smoothing=SMOOTHING, sweeps=COLD if start is None else SWEEPS, start=start)
+        if points.bent:
+            misfit = Misfit(sums.grid.size)
+            misfit.add(points, place, mosaic)
+            mosaic = replace(mosaic, misfit=misfit.image())
         equations = self._equations(points, place, mosaic, POSITION_ERROR)
         return mosaic, equations, self._step(equations, hold_reference=False)
 
@@ -207,7 +216,8 @@ class Alignment:
         stiffness = 1 / ((2.0 if self.guided else 5.0) * unit) ** 2
         steps, self.covariance = solve_steps(equations, self.guess - self.parameters, stiffness, unit)
         limit = 2.0 ** (len(self.levels) - 1) * unit
-        steps = np.clip(steps if hold_reference else RELAXATION * steps, -limit, limit)
+        relaxation = BENT_RELAXATION if self.levels[0].bent else RELAXATION
+        steps = np.clip(steps if hold_reference else relaxation * steps, -limit, limit)
         steps[list(self.rejected)] = 0
         if hold_reference:
             steps[self.reference] = 0

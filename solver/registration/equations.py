@@ -6,7 +6,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.registration.derivatives import differentiate, sum_shifts, sum_turns
 from solver.registration.grid import PLACES, Place
+from solver.registration.lines import lines_of, share_errors
 from solver.registration.mosaic import Mosaic
 from solver.registration.motion import Motion
 from solver.registration.points import Points
@@ -43,24 +45,31 @@ def normal_equations(
 
     A residual's variance is σ² + (e |∇U|)², e the mosaic's own error as a displacement: without it a handful
     of strong edges decides. Slopes are central differences: the cells' own would lean towards one node, and a
-    frame whose pixels all sit alike on the grid, as the reference's do, would be pulled along.
+    frame whose pixels all sit alike on the grid, as the reference's do, would be pulled along. Of samples
+    that are bent, those of a row or column share errors (see `lines`), so that a frame is one block.
     """
-    count = len(points.first) - 1
+    count, bent = len(points.first) - 1, points.bent
     sums, counts = np.zeros((count, 15)), np.zeros((count, 3))
-    terms, jacobian = np.empty((9, BLOCK), np.float32), np.empty((6, BLOCK), np.float32)
+    block = max(1, int(np.diff(points.first).max())) if bent else BLOCK
+    terms, jacobian = np.ones((10, block), np.float32), np.empty((6, block), np.float32)
     _sum_frames(
         points.values,
         points.weights,
         *place,
+        points.pixel,
         points.first,
         mosaic.values,
         mosaic.kind,
+        mosaic.misfit if mosaic.misfit is not None else np.ones((1, 1), np.float32),
         np.array([*mosaic.grid.origin, mosaic.grid.density], dtype=np.float32),
         motion.camera(points.level).astype(np.float32),
         motion.rotational,
         np.float32(position_error**2),
         terms,
+        np.empty(block, np.int32),
         jacobian,
+        points.shape[1],
+        lines_of(points.shape) if bent else np.empty((0, 0), np.float32),
         sums,
         counts,
     )
@@ -84,38 +93,52 @@ def _sum_frames(  # type: ignore[no-untyped-def]
     weights,
     row,
     column,
+    pixel,
     first,
     U,
     kind,
+    misfit,
     grid,
     camera,
     rotational,
     blur2,
     terms,
+    number,
     jacobian,
+    width,
+    lines,
     sums,
     counts,
 ):
+    block = terms.shape[1]
     for k in range(len(sums)):
-        for start in range(first[k], first[k + 1], BLOCK):
-            part = slice(start, min(start + BLOCK, first[k + 1]))
-            place = row[part], column[part]
-            used = _interpolate(values[part], weights[part], *place, U, kind, grid, terms, counts[k])
+        for start in range(first[k], first[k + 1], block):
+            part = slice(start, min(start + block, first[k + 1]))
+            place = row[part], column[part], pixel[part]
+            used = _interpolate(
+                values[part], weights[part], *place, U, kind, misfit, grid, terms, number, counts[k]
+            )
             _weigh(terms, used, grid[2], blur2, counts[k])
+            if lines.size > 0:
+                share_errors(terms, number, used, width, blur2, lines)
             if rotational:
-                _differentiate(terms, used, camera, jacobian)
-                _sum_turns(terms, used, jacobian, sums[k])
+                differentiate(terms, used, camera, jacobian)
+                sum_turns(terms, used, jacobian, sums[k])
             else:
-                _sum_shifts(terms, used, camera, sums[k])
+                sum_shifts(terms, used, camera, sums[k])
 
 
 @numba.njit(cache=True, fastmath=PLACES)
-def _interpolate(values, weights, row, column, U, kind, grid, terms, counts):  # type: ignore[no-untyped-def]
+def _interpolate(  # type: ignore[no-untyped-def]
+    values, weights, row, column, pixel, U, kind, misfit, grid, terms, number, counts
+):
     """Per sample where the mosaic is steep: ΣU_y², ΣU_yU_x, ΣU_x², ΣU_y r, ΣU_x r, Σr², w, row and column.
 
-    Slopes are twice those between nodes, sums over the channels, r the residual. Returns how many there are.
+    Then the misfit there, where it is known. Slopes are twice those between nodes, sums over the channels, r
+    the residual. Returns how many there are.
     """
     channels, rows, columns = U.shape
+    known = len(misfit) > 1
     top, left, scale, one = grid[0], grid[1], grid[2], np.float32(1.0)
     used = 0
     for s in range(len(weights)):
@@ -147,6 +170,9 @@ def _interpolate(values, weights, row, column, U, kind, grid, terms, counts):  #
         terms[0, used], terms[1, used], terms[2, used] = yy, yx, xx
         terms[3, used], terms[4, used], terms[5, used] = yr, xr, square
         terms[6, used], terms[7, used], terms[8, used] = weights[s], row[s], column[s]
+        if known:
+            terms[9, used] = misfit[m, n]
+        number[used] = pixel[s]
         used += 1
     return used
 
@@ -156,6 +182,7 @@ def _weigh(terms, used, density, blur2, counts):  # type: ignore[no-untyped-def]
     """Slopes in pixels, and the weight of each sample in place of 1/σ²."""
     yy, yx, xx = terms[0, :used], terms[1, :used], terms[2, :used]
     yr, xr, squares, weight = terms[3, :used], terms[4, :used], terms[5, :used], terms[6, :used]
+    misfit = terms[9, :used]
     half, one, knee = np.float32(0.5) * density, np.float32(1.0), np.float32(HUBER)
     quarter, weak2, most = half * half, np.float32(WEAK * WEAK), np.float32(4.0)
     trusts = misfits = np.float32(0.0)
@@ -171,66 +198,10 @@ def _weigh(terms, used, density, blur2, counts):  # type: ignore[no-untyped-def]
         trust = slope / (slope + weak2 * own)
         trusts += trust
         misfits += trust * min(deviations, most)
+        own *= misfit[s]
+        variance = own + blur2 * slope
+        deviations = np.sqrt(squares[s] / variance)
+        trust = slope / (slope + weak2 * own)
         weight[s] = trust / variance * (knee / max(deviations, knee))
     counts[1] += trusts
     counts[2] += misfits
-
-
-@numba.njit(cache=True, fastmath=True)
-def _sum_shifts(terms, used, camera, sums):  # type: ignore[no-untyped-def]
-    yy, yx, xx = terms[0, :used], terms[1, :used], terms[2, :used]
-    yr, xr, weight = terms[3, :used], terms[4, :used], terms[6, :used]
-    a = b = c = d = e = total = np.float32(0.0)
-    for s in range(used):
-        w = weight[s]
-        a += w * yy[s]
-        b += w * yx[s]
-        c += w * xx[s]
-        d += w * yr[s]
-        e += w * xr[s]
-        total += w
-    fy, fx = camera[0], camera[1]
-    sums[0] += fy * fy * a
-    sums[1] += fy * fx * b
-    sums[3] += fx * fx * c
-    sums[6] += fy * d
-    sums[7] += fx * e
-    # What slopes of noise alone would add, for a variance of one.
-    sums[9] += fy * fy * total
-    sums[12] += fx * fx * total
-
-
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
-def _differentiate(terms, used, camera, jacobian):  # type: ignore[no-untyped-def]
-    """Derivatives of row, then column, by a small turn about x, y and z, the lens left out."""
-    fy, fx, cy, cx, one = camera[0], camera[1], camera[2], camera[3], np.float32(1.0)
-    row, column = terms[7, :used], terms[8, :used]
-    y0, y1, y2 = jacobian[0, :used], jacobian[1, :used], jacobian[2, :used]
-    x0, x1, x2 = jacobian[3, :used], jacobian[4, :used], jacobian[5, :used]
-    for s in range(used):
-        x, y = (column[s] - cx) / fx, (row[s] - cy) / fy
-        y0[s], y1[s], y2[s] = -fy * (one + y * y), fy * x * y, fy * x
-        x0[s], x1[s], x2[s] = -fx * x * y, fx * (one + x * x), -fx * y
-
-
-@numba.njit(cache=True, fastmath=True)
-def _sum_turns(terms, used, jacobian, sums):  # type: ignore[no-untyped-def]
-    yy, yx, xx = terms[0, :used], terms[1, :used], terms[2, :used]
-    yr, xr, weight = terms[3, :used], terms[4, :used], terms[6, :used]
-    upper = 0
-    for a in range(3):
-        ya, xa, right = jacobian[a, :used], jacobian[3 + a, :used], np.float32(0.0)
-        for s in range(used):
-            right += weight[s] * (yr[s] * ya[s] + xr[s] * xa[s])
-        sums[6 + a] += right
-        for b in range(a, 3):
-            yb, xb = jacobian[b, :used], jacobian[3 + b, :used]
-            matrix = noise = np.float32(0.0)
-            for s in range(used):
-                w, down, across = weight[s], yy[s] * yb[s] + yx[s] * xb[s], yx[s] * yb[s] + xx[s] * xb[s]
-                matrix += w * (ya[s] * down + xa[s] * across)
-                # What slopes of noise alone would add, for a variance of one.
-                noise += w * (ya[s] * yb[s] + xa[s] * xb[s])
-            sums[upper] += matrix
-            sums[9 + upper] += noise
-            upper += 1

@@ -28,13 +28,15 @@ Image = NDArray[np.float32]
 class Mosaic:
     """U (C, rows, columns), each node's kind, and the variance of its slopes per pixel from noise alone.
 
-    The kinds are `UNSEEN`, `FLAT` and `STEEP`.
+    The kinds are `UNSEEN`, `FLAT` and `STEEP`. The misfit (rows, columns) is what its samples' variance
+    really is in each cell, in σ²; None where it is one.
     """
 
     values: Image
     kind: Kind
     grid: Grid
     slope_noise: float
+    misfit: Image | None = None
 
 
 def resampled(mosaic: Mosaic, grid: Grid, factor: float) -> Image:
@@ -66,7 +68,8 @@ def halved(mosaic: Mosaic) -> Mosaic:
     origin = (grid.origin[0] + 0.5) / 2 - 0.5, (grid.origin[1] + 0.5) / 2 - 0.5
     covered = mosaic.kind[::2, ::2] != UNSEEN
     coarse = Grid(origin, size, grid.density)
-    return Mosaic(values, node_kinds(values, covered), coarse, mosaic.slope_noise / 4)
+    misfit = None if mosaic.misfit is None else np.ascontiguousarray(mosaic.misfit[::2, ::2])
+    return Mosaic(values, node_kinds(values, covered), coarse, mosaic.slope_noise / 4, misfit)
 
 
 @numba.njit(cache=True, fastmath=True)

@@ -26,6 +26,7 @@ class Points:
         first: (N + 1,) where each frame begins, and the end.
         shape: rows and columns of the images.
         level: how often they were pooled by two.
+        bent: whether they are, as in `Samples`.
     """
 
     values: Image
@@ -36,6 +37,7 @@ class Points:
     first: NDArray[np.int64]
     shape: tuple[int, int]
     level: int
+    bent: bool
 
     @classmethod
     def of(cls, samples: Samples, base: Image, active: Mask) -> "Points":
@@ -66,6 +68,7 @@ class Points:
             first,
             samples.shape,
             samples.level,
+            samples.bent,
         )
 
     def frame(self, number: int) -> "Points":
@@ -80,6 +83,7 @@ class Points:
             self.first[number : number + 2] - self.first[number],
             self.shape,
             self.level,
+            self.bent,
         )
 
 

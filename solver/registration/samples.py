@@ -24,11 +24,16 @@ SMALLEST = 20  # pixels of the shorter side under which pooling leaves nothing t
 
 @dataclass(frozen=True, slots=True)
 class Samples:
-    """Values (C, N, H, W), weights 1/σ² (N, H, W; 0 = not used), and how often they were pooled by two."""
+    """Values (C, N, H, W), weights 1/σ² (N, H, W; 0 = not used), and how often they were pooled by two.
+
+    `bent`: a pixel that sees two surfaces need not have the mean of their values. Of all channels only those
+    of phasors are sure to average linearly; a distance leans to the brighter side.
+    """
 
     values: Image
     weights: Image
     level: int
+    bent: bool
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -41,6 +46,7 @@ class Samples:
             np.concatenate([self.values, other.values], axis=1),
             np.concatenate([self.weights, other.weights]),
             self.level,
+            self.bent,
         )
 
     def pooled(self) -> "Samples":
@@ -49,7 +55,7 @@ class Samples:
         mean = np.empty((channels, count, height // 2, width // 2), np.float32)
         total = np.empty(mean.shape[1:], np.float32)
         _pool(self.values, self.weights, mean, total)
-        return Samples(mean, total, self.level + 1)
+        return Samples(mean, total, self.level + 1, self.bent)
 
 
 Scaling = Callable[[Image, Image | None], Samples]
@@ -136,7 +142,7 @@ def _phasors(
     """Scaled and written in one pass: a burst's temporaries would cost more than the arithmetic."""
     values, weights = np.empty((2, *distance.shape), np.float32), np.empty(distance.shape, np.float32)
     _write_phasors(distance, amplitude, rate, middle, factor, values, weights)
-    return Samples(values, weights, 0)
+    return Samples(values, weights, 0, bent=False)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -216,9 +222,9 @@ def _weighted(
     """Samples with σ ∝ `relative`, scaled to a typical weight of one: the unit of the values drops out."""
     values, valid, relative = channels(distance, amplitude)
     if some is None:
-        return Samples(np.zeros_like(values), np.zeros_like(relative), 0)
+        return Samples(np.zeros_like(values), np.zeros_like(relative), 0, bent=True)
     variance = some.noise * relative * relative + np.float32((FLOOR * some.spread) ** 2 + 1e-30)
     typical = some.noise * some.relative**2 + (FLOOR * some.spread) ** 2 + 1e-30
     weights = np.where(valid, np.float32(typical) / variance, 0)
     scaled = (values - some.middle[:, None, None, None]) * np.float32(1 / np.sqrt(typical))
-    return Samples(scaled, weights, 0)
+    return Samples(scaled, weights, 0, bent=True)

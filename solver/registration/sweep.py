@@ -6,8 +6,8 @@ symmetry — plus the prior λ Σ √(|∇U|² + ε²) as a quadratic one of the
 takes one row after the other with the rows above as they are by then (Gauss–Seidel), and the nodes of a row
 at once (Jacobi). That lowers the quadratic objective whatever the data: twice the diagonal of each row's
 operator outweighs the operator, as samples and differences each couple two of its nodes by no more than the
-mean of what they add to both diagonals. It takes a single walk where a step of conjugate gradients takes
-four, and gets further.
+mean of what they add to both diagonals. Bands of rows are swept on their own, so their first and last rows
+step shorter. A sweep takes a single walk where a step of conjugate gradients takes four, and gets further.
 """
 
 import numba
@@ -59,7 +59,7 @@ def _sweep(rank, size, barrier, sums, image, into, strength, epsilon2, keep, res
         _stiffen(image, begin, strength, epsilon2, scratch)
         for i in range(begin, end):
             _stiffen(image, i + 1, strength, epsilon2, scratch)
-            _solve_row(sums, image, into if i > begin else image, into, i, scratch)
+            _solve_row(sums, image, into, i, begin, end, scratch)
             if fades and i > begin:
                 _fade_row(sums, rest, i - 1, keep)
     meet(barrier, size)  # a band's last row is in the first equations of the next one
@@ -103,9 +103,10 @@ def _stiffen(image, i, strength, epsilon2, scratch):  # type: ignore[no-untyped-
 
 
 @numba.njit(cache=True, fastmath=True)
-def _solve_row(sums, image, upper, into, i, scratch):  # type: ignore[no-untyped-def]
-    """A Jacobi step of row i; the row above is one of `upper`."""
+def _solve_row(sums, image, into, i, begin, end, scratch):  # type: ignore[no-untyped-def]
+    """A Jacobi step of row i of the band from `begin` to `end`."""
     channels, rows, columns = image.shape
+    upper = into if i > begin else image
     up, low, last = max(i - 1, 0), min(i + 1, rows - 1), columns - 1
     above, own, below = scratch[(i + 2) % 3], scratch[i % 3], scratch[(i + 1) % 3]
     inverse, east, north, south, zero = scratch[3], scratch[4], scratch[5], scratch[6], scratch[7]
@@ -129,6 +130,10 @@ def _solve_row(sums, image, upper, into, i, scratch):  # type: ignore[no-untyped
         out[0] = (value - north[0] * a[0] - s_ne[1] * a[1]) * inverse[0]
         value = right[last] - east[last - 1] * x[last - 1] - south[last] * b[last] - s_sw[last] * b[last - 1]
         out[last] = (value - north[last] * a[last] - s_nw[last - 1] * a[last - 1]) * inverse[last]
+        if i == begin > 0:
+            _hold_back(x, north, s_nw[:-1], s_ne[1:], inverse, zero, out)
+        if i + 1 == end < rows:
+            _hold_back(x, south, s_sw[1:], s_se[:-1], inverse, zero, out)
 
 
 @numba.njit(cache=True, fastmath=True)
@@ -139,6 +144,25 @@ def _couple(data, own, other, coupling, diagonal):  # type: ignore[no-untyped-de
         coupling[j] = data[j] - half * (own[j] + other[j])
     for j in range(len(coupling)):
         diagonal[j] += half * (own[j] + other[j])
+
+
+@numba.njit(cache=True, fastmath=True)
+def _hold_back(x, straight, before, after, inverse, spare, out):  # type: ignore[no-untyped-def]
+    """Shorten a row's step as if half of what couples it to another band, which is old, were on its diagonal.
+
+    Otherwise two bands may drive each other, ever further, where there are few samples.
+    """
+    one, half = np.float32(1.0), np.float32(0.5)
+    inner, outer = spare[1:], spare[:-1]
+    for j in range(len(spare)):
+        spare[j] = abs(straight[j])
+    for j in range(len(before)):
+        inner[j] += before[j]
+    for j in range(len(after)):
+        outer[j] += after[j]
+    for j in range(len(out)):
+        out[j] = x[j] + (out[j] - x[j]) / (one + half * spare[j] * inverse[j])
+    spare[:] = 0
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")

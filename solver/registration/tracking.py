@@ -1,5 +1,6 @@
 """Frames one after another, each aligned with the mosaic of those before it."""
 
+from dataclasses import replace
 from statistics import median
 
 import numpy as np
@@ -10,6 +11,7 @@ from solver.registration.alignment import ALIASED, DENSITY, FEWEST, OVERLAP, SMO
 from solver.registration.equations import POSITION_ERROR, Equations, normal_equations
 from solver.registration.fading import FadingSums
 from solver.registration.grid import Grid
+from solver.registration.misfit import Misfit
 from solver.registration.mosaic import Mosaic, halved
 from solver.registration.motion import Motion, Shift, Turn
 from solver.registration.points import Points
@@ -55,6 +57,7 @@ class Track:
         self._sums: FadingSums | None = None
         self._mosaics: list[Mosaic] = []
         self._latest: tuple[Samples, Float] | None = None
+        self._misfit: Misfit | None = None
         self._misfits: list[float] = []
 
     def add(self, distance: Image, amplitude: Image | None, position: Float) -> None:
@@ -77,10 +80,10 @@ class Track:
             )
         prior = _parameters(guess)
         found, equations = self._refined(points, self._started(levels, prior, guided=True), prior)
-        misfit = self._misfit(equations)
+        misfit = self._why_not(equations)
         if misfit:
             found, equations = self._refined(points, self._started(levels, prior, guided=False), prior)
-            misfit = self._misfit(equations)
+            misfit = self._why_not(equations)
         if misfit:
             raise RegistrationError(misfit)
         self._misfits = [*self._misfits[-14:], float(equations.misfit[0])]
@@ -128,7 +131,7 @@ class Track:
                     break
         return position, equations
 
-    def _misfit(self, equations: Equations) -> str:
+    def _why_not(self, equations: Equations) -> str:
         """Why a frame does not fit; empty where it does."""
         overlap, misfit = equations.overlap[0], equations.misfit[0]
         if overlap < OVERLAP:
@@ -143,13 +146,21 @@ class Track:
         if self._sums is None:
             grid = Grid.over(place, points.shape, DENSITY)
             self._sums = FadingSums(grid, points.values.shape[1], 1 - 1 / self._span)
+            self._misfit = Misfit(grid.size) if points.bent else None
         else:
-            self._sums.extend(self._sums.grid.lacking(place, points.shape))
+            borders = self._sums.grid.lacking(place, points.shape)
+            if self._misfit is not None:
+                self._misfit.add(points, place, self._mosaics[0])
+                self._misfit.extend(borders)
+            self._sums.extend(borders)
         self._sums.add(points, place)
         self._added += 1
         if self._added == self._span:
             self._sums.hold(ANCHOR)
         mosaic = self._sums.advance(SMOOTHING)
+        if self._misfit is not None:
+            mosaic = replace(mosaic, misfit=self._misfit.image())
+            self._misfit.fade(1 - 1 / self._span)
         self._mosaics = [mosaic] if len(levels) == 1 else [mosaic, halved(mosaic)]
         self._latest = levels[-1], position
 

@@ -44,7 +44,9 @@ def test_a_sweep_that_fades_is_a_sweep_and_lowers_what_is_minimised():
 def test_samples_that_look_nowhere_count_for_nothing():
     """A lens may image a ray far outside its field at infinity, or at no place at all."""
     shape, rng = (12, 15), np.random.default_rng(1)
-    samples = Samples(rng.normal(size=(1, 1, *shape)).astype(np.float32), np.ones((1, *shape), np.float32), 0)
+    samples = Samples(
+        rng.normal(size=(1, 1, *shape)).astype(np.float32), np.ones((1, *shape), np.float32), 0, bent=True
+    )
     points = Points.of(samples, Shift().base(samples), np.ones(1, np.bool_))
     row, column = points.row.copy(), points.column.copy()
     row[3], column[40], row[77], column[78] = np.nan, np.nan, np.inf, -np.inf
@@ -62,6 +64,25 @@ def test_samples_that_look_nowhere_count_for_nothing():
     others = normal_equations(fewer, (row[seen], column[seen]), mosaic, Shift(), POSITION_ERROR)
     np.testing.assert_array_equal(equations.matrix, others.matrix)
     np.testing.assert_array_equal(equations.right, others.right)
+
+
+def test_sweeps_over_few_samples_settle():
+    random = np.random.default_rng(0)
+    count, shape = 60, (16, 12)
+    row, column = (random.uniform(0, (n - 1) / DENSITY, count).astype(np.float32) for n in shape)
+    values, weights = random.normal(size=(count, 1)).astype(np.float32), np.full(count, 1e3, np.float32)
+    first, pixel = np.array([0, count]), np.zeros(count, np.int32)
+    points = Points(values, weights, row, column, pixel, first, shape, level=0, bent=True)
+    sums = Sums(Grid((0.0, 0.0), shape, DENSITY), channels=1)
+    sums.add(points, (row, column))
+    image = np.zeros((1, *shape), np.float32)
+    before, into = np.inf, image.copy()
+    for _ in range(200):
+        sweep(sums.images, image, into, SMOOTHING, DENSITY)
+        image, into = into, image
+        after = _misfit(sums.images, image)
+        assert after <= before + 1e-3 * abs(after)
+        before = after
 
 
 def _misfit(sums, image):
