@@ -35,6 +35,10 @@ _AROUND = 0.7
 _TAPS = 3
 """To either side: 4 deviations."""
 
+_RENEWED, _BLUNTER = 8, 8.0
+"""The most iterations of the last pass where a stream is prepared anew, and the factor on the ε it starts
+from: to the end it would take 25 to 40, for a mean absolute error that is up to 3 % larger."""
+
 _A_FEW = 4
 """The most iterations after an exchange of frames: what is left, those after the next ones do. Measured in
 streams: 5 and 20 lower the mean absolute error by 0 to 2 %."""
@@ -83,6 +87,7 @@ class Trail:
         plan: of the passes.
         states, terms: by pass.
         memory: of the last pass.
+        followed: whether the last pass has gone on since, with frames exchanged.
     """
 
     unit: Unit
@@ -90,17 +95,21 @@ class Trail:
     states: list[State]
     terms: list[Term]
     memory: Memory | None = None
+    followed: bool = False
 
     def start(self, turn: int, unit: Unit) -> State:
         """The end of a pass as a start without weights, in another unit.
 
-        ε goes on in the first pass alone: the weights that the others are given are new, and a corner as
-        sharp as the old ones' took up to twice the iterations.
+        ε goes on as it was in the first pass alone: the weights that the others are given are new, and a
+        corner as sharp as the old ones' took up to twice the iterations.
         """
         state, kind = self.states[turn], self.states[turn].x.dtype.type
         x = state.x * kind(self.unit.scale / unit.scale)
         x += kind((self.unit.offset - unit.offset) / unit.scale)
-        return replace(start_at(x), epsilon=0.0 if turn else state.epsilon)
+        epsilon = state.epsilon
+        if turn:
+            epsilon *= _BLUNTER if self.followed and turn + 1 == len(self.states) else 0.0
+        return replace(start_at(x), epsilon=epsilon)
 
 
 def minimise_reweighted(
@@ -117,11 +126,13 @@ def minimise_reweighted(
     """Run all passes; `max_iterations` bounds them together, one iteration each at least.
 
     Without a plan there is one pass, not weighted. It starts from the map `first()`, (C, rows, columns) in
-    units of λ, or from the `trail` of a run before, whose outcome is not certified: its gap is NaN.
+    units of λ, or from the `trail` of a run before, whose outcome is not certified: its gap is NaN. Where
+    that one's last pass has gone on since, it is not run to its end either.
     """
     state = start(first()) if trail is None else trail.start(0, unit)
     ends, done = Trail(unit, plan, [state], [term]), 0
     passes, early = (0, 0.0) if plan is None else (plan.passes, plan.tolerance)
+    enough = _RENEWED if trail is not None and trail.followed else options.max_iterations
     for turn in range(passes + 1):
         last = turn == passes
         outcome = minimise(
@@ -129,7 +140,7 @@ def minimise_reweighted(
             prior,
             ends.states[turn],
             tolerance=options.tolerance if last else max(options.tolerance, early),
-            limit=max(1, options.max_iterations - done),
+            limit=max(1, min(options.max_iterations - done, enough if last else options.max_iterations)),
             scale=unit.scale**2,
             progress=progress,
             certify=last and trail is None,
@@ -165,7 +176,7 @@ def resume(trail: Trail, prior: Prior, options: FusionOptions) -> Outcome:
         span=1,
         memory=trail.memory,
     )
-    trail.memory = outcome.memory
+    trail.memory, trail.followed = outcome.memory, True
     return outcome
 
 

@@ -190,8 +190,7 @@ class SlidingFusion:
         solution = load(options.method)(problem, initial=self._last)
         self._last = solution
         distance, spread = complete(problem, solution)
-        going_on = bool(problem.exchanged) and solution.trail is not None
-        if not solution.converged and not going_on:
+        if not solution.converged and solution.iterations >= options.max_iterations:
             warn_unconverged(options, solution, stacklevel=4)
         entries = self._window.entries
         relative = np.stack([entry.relative for entry in entries])
