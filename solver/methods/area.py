@@ -105,7 +105,7 @@ def _resume(problem: Problem, trail: Trail) -> Outcome:
     assert isinstance(term, AreaTerm)
     samples = partial(_samples, problem, trail.unit)
     term.follow(trail.states[-1], problem.exchanged, samples, problem.positions)
-    return resume(trail, Prior(problem.options.neighbourhood), problem.options)
+    return resume(trail, Prior(problem.options.neighbourhood), problem.options, len(problem.exchanged))
 
 
 def _samples(problem: Problem, unit: Unit, frames: slice) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

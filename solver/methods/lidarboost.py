@@ -38,7 +38,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     prior = Prior(problem.options.neighbourhood)
     if going_on is not None:
         going_on.terms, going_on.states[-1].fit = [term], None
-        outcome = resume(going_on, prior, problem.options)
+        outcome = resume(going_on, prior, problem.options, len(problem.exchanged))
     else:
         outcome, trail = minimise_reweighted(
             term,

@@ -64,7 +64,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     if problem.exchanged and trail is not None and isinstance(trail.terms[0], AreaTerm):
         exchanged = partial(_samples, problem, trail.unit.scale)
         trail.terms[0].follow(trail.states[-1], problem.exchanged, exchanged, problem.positions)
-        outcome = resume(trail, prior, problem.options)
+        outcome = resume(trail, prior, problem.options, len(problem.exchanged))
     else:
         samples = _samples(problem, strength * usual, slice(None))
         term = AreaTerm(*samples, problem.positions, factor, problem.options.footprint)
