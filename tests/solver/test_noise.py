@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from solver.evaluation import DepthMap, make_trial, procedural_object
 from solver.noise import estimate
 
 
@@ -18,3 +19,16 @@ def test_samples_without_light_tell_nothing_of_the_noise(share: float) -> None:
 def test_without_any_light_the_noise_is_not_known() -> None:
     distance = np.random.default_rng(1).normal(2, 0.01, (2, 9, 9)).astype(np.float32)
     assert estimate(distance, np.zeros_like(distance)) == 0
+
+
+@pytest.mark.parametrize("variance", [4.1, 46.3])
+def test_fine_relief_is_hardly_taken_for_noise(variance: float) -> None:
+    depth = DepthMap(procedural_object(), oversampling=2)
+    for seed in range(3):
+        trial = make_trial(depth, variance=variance, seed=seed)
+        assert 0.9 < estimate(trial.distance, None) / np.sqrt(variance) < 1.2
+
+
+def test_fine_relief_without_noise_is_none() -> None:
+    trial = make_trial(DepthMap(procedural_object(), oversampling=2), variance=0, seed=0)
+    assert estimate(trial.distance, None) < 1e-3
