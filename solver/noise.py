@@ -41,11 +41,12 @@ def _core(ratios: NDArray[np.float32]) -> float:
     That of the values below 1.5 of itself, which edges and fine relief, large where they are, reach less than
     they raise a median: on detailed depth maps the median's is 9 to 43 % too large, this one 6 to 11 %.
     """
-    sigma = _MEDIAN_TO_SIGMA * _median(ratios)
+    ranked = np.sort(ratios)
+    squares = np.cumsum(np.square(ranked, dtype=np.float64))
+    sigma = _MEDIAN_TO_SIGMA * _quantile(ranked, 0.5)
     for _ in range(_ROUNDS):
-        inner = ratios[ratios < _CORE * sigma]
-        square = np.mean(np.square(inner, dtype=np.float64)) if inner.size else 0.0
-        before, sigma = sigma, float(np.sqrt(square / _CORE_SQUARE))
+        count = int(np.searchsorted(ranked, _CORE * sigma))
+        before, sigma = sigma, float(np.sqrt(squares[count - 1] / (count * _CORE_SQUARE))) if count else 0.0
         if abs(sigma - before) <= 1e-3 * before:
             break
     return sigma
