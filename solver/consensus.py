@@ -6,7 +6,8 @@ otherwise fit it by swings many times as large.
 
     |y − (low + high) / 2| > (high − low) + 5 σ
 
-Medians hold for as long as fewer than half of the frames disagree (Huber, "Robust Statistics", 1981).
+Medians hold for as long as fewer than half of the frames disagree (Huber, "Robust Statistics", 1981); where
+exactly half do, both sides are kept.
 """
 
 import cv2
@@ -25,6 +26,9 @@ _SLACK = (1.0, 5.0, 1e-6)
 """Allowed: high − low from the middle, deviations, and rounding. Two depth maps at three noise levels and two
 recordings have 1 to 14 samples in a burst beyond it, most of them on the dark print, at any number of frames
 from 3 up; half as much beyond the bounds finds 31 true ones on the finest structures."""
+
+_LOST = 12.0
+"""A sample that deviates by over a twelfth of the ambiguity range may say anything: it has no vote."""
 
 _GAP = 5
 """Pixels across which samples left out are joined: at an edge behind somebody, too much is allowed."""
@@ -45,17 +49,21 @@ class Consensus:
         agrees: (N, H, W).
     """
 
-    def __init__(self, measured: Image, sigma: Image, positions: Image, span: float = 0.0) -> None:
+    def __init__(
+        self, measured: Image, sigma: Image, positions: Image, ambiguity_range: float | None, turns: bool
+    ) -> None:
         """Judge all samples.
 
         Args:
             sigma: (N, H, W), one standard deviation of each.
             positions: (N, H, W, 2), where they look on the grid.
-            span: the ambiguity range, where whole ones do not matter; 0 = they do.
+            turns: whether whole ambiguity ranges do not matter.
         """
         shape = measured.shape
         self.measured, self.agrees = measured, np.empty(shape, np.bool_)
-        self._sigma, self._positions, self._span = sigma, positions, np.float32(span)
+        self._sigma, self._positions = sigma, positions
+        self._span = np.float32((ambiguity_range or 0.0) if turns else 0.0)
+        self._most = np.float32(ambiguity_range / _LOST if ambiguity_range else np.finfo(np.float32).max)
         self._planes = np.empty(shape, np.float32)
         self._low, self._high = np.empty(shape[1:], np.float32), np.empty(shape[1:], np.float32)
         self._valid, self._against = np.zeros(len(measured), np.int64), np.zeros(len(measured), np.int64)
@@ -84,8 +92,8 @@ class Consensus:
         return [int(other) for other in np.flatnonzero(changes.sum(axis=1) > few)]
 
     def _align(self, frames: slice) -> None:
-        part = self.measured[frames], self._positions[frames], self._planes[frames]
-        team.share_frames(len(part[0]), kernels.align, *part)
+        samples = self.measured[frames], self._sigma[frames], self._most, self._positions[frames]
+        team.share_frames(len(samples[0]), kernels.align, *samples, self._planes[frames])
 
     def _survey(self) -> None:
         team.share(kernels.medians, self._planes, MAJORITY, self._low, self._high)
@@ -102,8 +110,9 @@ class Consensus:
         team.share_frames(len(measured), kernels.judge, *samples, *law, agrees, against)
         for number in np.flatnonzero(against.any(axis=1)):
             agrees[number] = ~_closed(~agrees[number])
-        self._valid[frames] = np.isfinite(measured).sum(axis=(1, 2))
-        self._against[frames] = (~agrees).sum(axis=(1, 2))
+        valid = np.isfinite(measured)
+        self._valid[frames] = valid.sum(axis=(1, 2))
+        self._against[frames] = (valid & ~agrees).sum(axis=(1, 2))
 
     def kept(self, frames: slice | int = slice(None)) -> Image:
         """The samples that agree, NaN in the place of the others."""

@@ -28,7 +28,7 @@ def prepare(
     """The problem of fusing (N, H, W) frames that look at positions (N, H, W, 2).
 
     Dark samples are left out by the methods' own rule, samples without a position always, and so are those
-    that the other frames contradict, unless the method shows one frame.
+    that the other frames contradict, unless the noise is not known or the method shows one frame.
 
     Raises:
         FusionInputError: no sample is left.
@@ -49,8 +49,9 @@ def prepare(
                 f"{np.nanmax(amplitude):g}); lower the threshold or expose longer"
             )
     consensus = None
-    if len(distance) >= MAJORITY and options.method not in SINGLE:
-        consensus = Consensus(distance, sigma, positions, _turns(options, ambiguity_range))
+    # Where the noise is not known, nothing says how far is too far.
+    if len(distance) >= MAJORITY and noise > 0 and options.method not in SINGLE:
+        consensus = Consensus(distance, sigma, positions, ambiguity_range, options.method == "phasor")
         distance = consensus.kept()
     problem = Problem(distance, amplitude, positions, sigma, noise, ambiguity_range, guide, options)
     problem.threshold, problem.consensus = threshold, consensus
@@ -107,11 +108,6 @@ def complete(problem: Problem, solution: Solution) -> tuple[NDArray[np.float32],
         distance, beyond = smooth(solution.distance, known)
         np.maximum(away, beyond, out=away)
     return distance, deviation(problem, solution, away, distance)
-
-
-def _turns(options: FusionOptions, ambiguity_range: float | None) -> float:
-    """The ambiguity range where the method does not mind whole ones, else 0."""
-    return ambiguity_range or 0.0 if options.method == "phasor" else 0.0
 
 
 def _threshold(

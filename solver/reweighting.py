@@ -175,7 +175,7 @@ def resume(trail: Trail, prior: Prior, options: FusionOptions, exchanged: int) -
         limit=min(options.max_iterations, few if exchanged == 1 else _RENEWED),
         certify=False,
         span=1,
-        memory=trail.memory,
+        memory=trail.memory if exchanged == 1 else None,
     )
     trail.memory, trail.followed = outcome.memory, True
     return outcome

@@ -5,10 +5,11 @@ from numba import njit
 
 
 @njit(nogil=True, cache=True)
-def align(rank, size, distance, positions, planes):  # type: ignore[no-untyped-def]
+def align(rank, size, distance, sigma, most, positions, planes):  # type: ignore[no-untyped-def]
     """planes (N, H, W) ← the samples (N, H, W) by the pixel of the grid that they fall on, else NaN.
 
-    Of two samples of a frame on one pixel the later one counts. By a team, as all kernels here.
+    Samples that deviate by more than `most` have no vote. Of two of a frame on one pixel the later counts.
+    By a team, as all kernels here.
     """
     frames, rows, columns = distance.shape
     for k in range(rank * frames // size, (rank + 1) * frames // size):
@@ -16,19 +17,21 @@ def align(rank, size, distance, positions, planes):  # type: ignore[no-untyped-d
         for i in range(rows):
             for j in range(columns):
                 u, v = positions[k, i, j, 0] + np.float32(0.5), positions[k, i, j, 1] + np.float32(0.5)
-                if 0 <= u < rows and 0 <= v < columns:  # also refuses NaN
+                if 0 <= u < rows and 0 <= v < columns and sigma[k, i, j] <= most:  # also refuses NaN
                     planes[k, np.int64(u), np.int64(v)] = distance[k, i, j]
 
 
 @njit(nogil=True, cache=True)
 def medians(rank, size, planes, least, low, high):  # type: ignore[no-untyped-def]
-    """low and high (H, W) ← the median of the frames (N, H, W), −∞ and ∞ where fewer than `least` know.
+    """low and high (H, W) ← the medians of the frames (N, H, W), −∞ and ∞ where fewer than `least` know.
+
+    Of an even number they are the two in the middle: where votes are even, both sides are right.
 
     Rows are sorted as far as the middle, all columns at once.
     """
     frames, rows, columns = planes.shape
     ranked, count = np.empty((frames, columns), np.float32), np.empty(columns, np.int64)
-    never, half = np.float32(np.inf), np.float32(0.5)
+    never = np.float32(np.inf)
     for i in range(rank * rows // size, (rank + 1) * rows // size):
         count[:] = 0
         for k in range(frames):
@@ -41,8 +44,8 @@ def medians(rank, size, planes, least, low, high):  # type: ignore[no-untyped-de
                 _order(ranked[k - 1], ranked[k])
         for j in range(columns):
             known = count[j] >= least
-            middle = half * (ranked[max(count[j] - 1, 0) // 2, j] + ranked[count[j] // 2, j])
-            low[i, j], high[i, j] = (middle, middle) if known else (-never, never)
+            low[i, j] = ranked[max(count[j] - 1, 0) // 2, j] if known else -never
+            high[i, j] = ranked[count[j] // 2, j] if known else never
 
 
 @njit

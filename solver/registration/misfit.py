@@ -5,7 +5,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.registration.grid import Borders, Place
+from solver.registration.grid import PLACES, Borders, Place
 from solver.registration.mosaic import Mosaic
 from solver.registration.points import Points
 from solver.registration.sums import WITHIN
@@ -46,7 +46,7 @@ class Misfit:
         return np.clip(squares / np.maximum(counts, np.float32(FEWEST)), 1, np.float32(MOST))
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=PLACES)
 def _gather(values, weights, row, column, row0, column0, density, U, squares, counts):  # type: ignore[no-untyped-def]
     channels, rows, columns = U.shape
     top, left, scale, one = np.float32(row0), np.float32(column0), np.float32(density), np.float32(1.0)

@@ -155,3 +155,39 @@ def test_a_stream_goes_over_to_a_changed_scene_once_most_frames_show_it(method: 
     assert shown[11:15] == pytest.approx([before] * 4, abs=0.03)  # up to 3 of 9 frames show it
     assert shown[20:] == pytest.approx([1.0] * 12, abs=0.03)
     assert errors(fused.distance, later.truth).rmse < 0.06
+
+
+@pytest.mark.parametrize("method", ["area", "lidarboost", "phasor"])
+def test_where_votes_are_even_both_sides_are_kept(method: Method) -> None:
+    distance = 2 + 0.01 * np.random.default_rng(1).normal(size=(4, 24, 30)).astype(np.float32)
+    distance[2:] += 1
+    light = np.full_like(distance, 1000.0)
+    shifts = np.array([[0, 0], [0.25, 0.5], [-0.5, 0.25], [0.5, -0.25]])
+    options = FusionOptions(method=method)
+    fused = fuse(distance, light, shifts=shifts, options=options, ambiguity_range=RANGE)
+    assert fused.report.contradicted == 0
+    assert np.median(fused.distance) == pytest.approx(2.5, abs=0.55)
+
+
+def test_samples_without_light_have_no_vote() -> None:
+    scene = burst(0.01, frames=5)
+    distance, light = scene.distance.copy(), np.full_like(scene.distance, 1000.0)
+    distance[2:], light[2:] = 6.0, 0.0
+    fused = fuse(distance, light, shifts=scene.shifts, options=FusionOptions(method="area"), noise=10.0)
+    assert fused.report.contradicted == 0
+    assert np.median(fused.distance) == pytest.approx(np.median(scene.truth), abs=0.02)
+
+
+def test_holes_are_not_counted_as_contradicted() -> None:
+    scene = burst(0.01)
+    distance = passed_by(scene)
+    distance[:, ::2, 1::2] = np.nan
+    fused = fuse(distance, shifts=scene.shifts, noise=0.01)
+    assert 0 < fused.report.contradicted <= 25 * 12 / np.isfinite(distance).sum()
+
+
+def test_nothing_is_contradicted_where_the_noise_is_not_known() -> None:
+    row = 2 + 0.01 * np.random.default_rng(2).normal(size=(5, 1, 40))
+    fused = fuse(row, shifts=np.zeros((5, 2)), options=FusionOptions(method="shift-and-add"))
+    assert fused.report.noise == 0
+    assert fused.report.contradicted == 0
