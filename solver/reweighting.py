@@ -102,7 +102,8 @@ class Trail:
         """The end of a pass as a start without weights, in another unit.
 
         ε goes on as it was in the first pass alone: the weights that the others are given are new, and a
-        corner as sharp as the old ones' took up to twice the iterations.
+        corner as sharp as the old ones' took up to twice the iterations. A last pass that has followed the
+        data is not to be run to its end, and starts from a blunter one.
         """
         state, kind = self.states[turn], self.states[turn].x.dtype.type
         x = state.x * kind(self.unit.scale / unit.scale)
