@@ -23,9 +23,9 @@ MAJORITY = 3
 """Frames on a pixel of which two can outvote one."""
 
 _SLACK = (1.0, 5.0, 1e-6)
-"""Allowed: high − low from the middle, deviations, and rounding. Two depth maps at three noise levels and two
-recordings have 1 to 14 samples in a burst beyond it, most of them on the dark print, at any number of frames
-from 3 up; half as much beyond the bounds finds 31 true ones on the finest structures."""
+"""Allowed: high − low from the middle, deviations, and rounding. Two depth maps and two recordings, at
+several noise levels and from 3 frames up, have at most 28 samples in a burst beyond it, most of them on the
+dark print; half as much beyond the bounds takes 20 true ones off the thin wedges."""
 
 _LOST = 12.0
 """A sample that deviates by over a twelfth of the ambiguity range may say anything: it has no vote."""
@@ -34,8 +34,8 @@ _GAP = 5
 """Pixels across which samples left out are joined: at an edge behind somebody, too much is allowed."""
 
 _SWING = (1.5, 3.0)
-"""What a map may swing to beside edges: high − low from the middle, and deviations. Without wrong samples one
-fused pixel in a thousand lies beyond it, and no error grows by more than 2 %."""
+"""What a map may swing to beside edges: high − low from the middle, and deviations. Without wrong samples at
+most one fused pixel in five hundred lies beyond it, and no error grows by more than 2 %."""
 
 _FEW = 500
 """One of so many samples of a frame may be judged anew without the frame being exchanged for it."""

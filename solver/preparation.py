@@ -53,9 +53,9 @@ def prepare(
     if len(distance) >= MAJORITY and noise > 0 and options.method not in SINGLE:
         consensus = Consensus(distance, sigma, positions, ambiguity_range, options.method == "phasor")
         distance = consensus.kept()
-    problem = Problem(distance, amplitude, positions, sigma, noise, ambiguity_range, guide, options)
-    problem.threshold, problem.consensus = threshold, consensus
-    return problem
+    return Problem(
+        distance, amplitude, positions, sigma, noise, ambiguity_range, guide, options, threshold, consensus
+    )
 
 
 def exchange(

@@ -29,7 +29,7 @@ class Problem:
         guide: (βH, βW) float32 intensity, or None.
         options: the caller's choices, `method` already resolved.
         threshold: the amplitude under which samples were left out; 0 = none were.
-        consensus: what the frames say together, or None where they are too few to outvote one.
+        consensus: what the frames say together; None where that is not asked, see `preparation.prepare`.
         exchanged: numbers of the frames that alone have changed since it was solved last; empty = all.
     """
 

@@ -11,7 +11,8 @@ _COMPILED: tuple[Method, ...] = ("lidarboost", "area", "phasor")
 def warm_up() -> None:
     """Compile (or load from the disk cache) every kernel that fusing and registering need.
 
-    A service calls it before it says that it is ready: 0.5 s from the cache, up to a minute on a new machine.
+    A service calls it before it says that it is ready: 0.5 s from the cache, about two minutes on a new
+    machine.
     """
     rows, columns = np.mgrid[0:24, 0:32].astype(np.float32)
     frame = 2 + 0.2 * np.sin(rows / 3) * np.cos(columns / 4)

@@ -41,7 +41,8 @@ squared error is 1.6 to 2.3 times as large. Twice as stiff costs a tenth of it, 
 
 _DOUBT, _ERRING = 5.0, 0.025
 """Deviations, and part of the scene's range, that a sample may differ from the first map. Clean bursts of two
-depth maps and two recordings have hardly a sample beyond; three to eight deviations give the same errors."""
+depth maps and two recordings have hardly a sample beyond; four to eight deviations give the same errors to
+1 %."""
 
 _SETTLED = 0.02
 """Tolerance of the passes before the last: 0.05 and 0.01 give the same errors to 2 %, in up to a tenth fewer
