@@ -19,9 +19,9 @@ from service.calibration.intrinsics import is_new
 from service.calibration.mount import View
 from service.capture.live import filmed, live
 from service.capture.loop import ScanBursts
-from service.capture.plan import Plan
-from service.config import Configuration
+from service.config.sections import Configuration
 from service.errors import CalibrationError
+from service.planning.plan import Plan
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from drivers.errors import EndOfRecordingError
 from drivers.frame import Frame
 from service.capture.loop import Grabber
 from service.capture.rig import make_rig
-from service.config import Configuration
+from service.config.sections import Configuration
 
 
 @contextmanager

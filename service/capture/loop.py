@@ -15,10 +15,10 @@ from drivers.errors import (
     StateError,
 )
 from drivers.frame import Frame
-from service.capture.burst import Burst
-from service.capture.plan import Plan
 from service.capture.rig import Rig
 from service.errors import ServiceError
+from service.messages.burst import Burst
+from service.planning.plan import Plan
 
 _ATTEMPTS = 4
 """Times in a row that one frame or movement may fail before the devices are opened again."""

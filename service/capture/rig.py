@@ -13,7 +13,7 @@ from drivers.device import Device
 from drivers.errors import DriverError, InitialisationError, RecordingError
 from drivers.settings import CameraSettings
 from drivers.stage import Stage
-from service.config import CameraSection, Configuration
+from service.config.sections import CameraSection, Configuration
 from service.errors import ConfigurationError
 
 _FIRST_WAIT, _LONGEST_WAIT = 0.5, 30.0

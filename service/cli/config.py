@@ -34,7 +34,7 @@ def check(
     import tomli_w
 
     from service.capture.rig import check_options
-    from service.config_file import load
+    from service.config.file import load
 
     found = load(file)
     check_options(found)
@@ -52,6 +52,6 @@ def schema() -> None:
     """
     import json
 
-    from service.config_file import schema as found
+    from service.config.file import schema as found
 
     print(json.dumps(found(), indent=2, ensure_ascii=False))

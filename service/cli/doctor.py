@@ -25,7 +25,7 @@ def doctor(
     """
     import json
 
-    from service.config_file import load
+    from service.config.file import load
     from service.doctor import examine, udev_rules
 
     if rules:

@@ -11,10 +11,10 @@ import typer
 from solver.options import Method
 
 if TYPE_CHECKING:
-    from service.capture.burst import Burst
-    from service.config import Configuration
-    from service.fusion.summary import BurstSummary
-    from service.offline import Announce
+    from service.config.sections import Configuration
+    from service.jobs.fuse import Announce
+    from service.messages.burst import Burst
+    from service.messages.summary import BurstSummary
     from solver.result import Progress as Iterated
 
 
@@ -60,7 +60,7 @@ def fuse(
     0 done; 1 an input could not be fused; 2 wrong usage; 3 done, but an
     input is damaged.
     """
-    from service.config_file import load
+    from service.config.file import load
 
     _check(inputs, out, output)
     flags = {"method": method, "upsampling": upsampling, "regularization": regularization, "frames": frames}
@@ -116,11 +116,11 @@ def _fuse_one(
     """Fuse a recording; returns what is said of it as JSON."""
     from drivers.recording import open_recording
     from service.capture.rig import configured_calibration
-    from service.fusion.quality import judge
-    from service.fusion.summary import describe, summarize
-    from service.offline import fuse_recording
-    from service.output.directory import made_directory
-    from service.output.preview import write_preview
+    from service.files import made_directory
+    from service.jobs.fuse import fuse_recording
+    from service.messages.quality import judge
+    from service.messages.summary import describe, summarize
+    from service.sinks.drawing import write_preview
 
     recording = open_recording(path)
     calibration = configured_calibration(configuration.camera)

@@ -63,7 +63,7 @@ def import_frames(
     from service.cli import DATA_LOST
     from service.cli.counter import counted
     from service.errors import OutputError
-    from service.importing import record_import
+    from service.jobs.importing import record_import
 
     if output.exists() and not force:
         raise OutputError(f"{output} exists already; choose another name, or replace it with --force")

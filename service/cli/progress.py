@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from drivers.frame import Frame
 from service.capture.played import recording_of
-from service.daemon import Daemon, Watch
-from service.fusion.summary import BurstSummary, describe
+from service.daemon.daemon import Daemon, Watch
+from service.messages.summary import BurstSummary, describe
 
 if TYPE_CHECKING:
     from rich.progress import Progress

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from service.config import Configuration
-    from service.daemon import Daemon
-    from service.fusion.summary import RunSummary
+    from service.config.sections import Configuration
+    from service.daemon.daemon import Daemon
+    from service.messages.summary import RunSummary
 
 _IMPATIENCE = 2.0
 """Seconds after which a second signal is meant: `timeout` and some supervisors send each one twice."""
@@ -84,9 +84,9 @@ def run(
     """
     from service.capture.rig import make_rig
     from service.cli.progress import shown_progress
-    from service.config_file import load
-    from service.daemon import Daemon
-    from service.health.logs import log_to_stream
+    from service.config.file import load
+    from service.daemon.daemon import Daemon
+    from service.daemon.logs import log_to_stream
 
     _check(replay, speed, loop, once)
     configuration = load(config)

@@ -88,9 +88,9 @@ def simulate(
     """
     from drivers.settings import CameraSettings
     from drivers.simulation import SCENES
-    from service.config import CameraSection, Configuration, FusionSection, PlanSection, StageSection
+    from service.config.sections import CameraSection, Configuration, FusionSection, PlanSection, StageSection
     from service.errors import ConfigurationError, OutputError
-    from service.simulation import record_simulation
+    from service.jobs.simulate import record_simulation
 
     if scene not in SCENES:
         raise ConfigurationError(f"--scene: no scene is called {scene!r}; there are: {', '.join(SCENES)}")

@@ -8,7 +8,7 @@ import typer
 from service.cli.remote import DEFAULT_ENDPOINT, DEFAULT_PREFIX, Endpoint, Prefix, Timeout
 
 if TYPE_CHECKING:
-    from service.health.status import Status
+    from service.messages.status import Status
 
 
 def status(
@@ -18,7 +18,7 @@ def status(
     as_json: Annotated[bool, typer.Option("--json", help="The status as it was published.")] = False,
 ) -> None:
     """Show how a running service is doing: state, rates, drops by cause, recording, last error."""
-    from service.health.status import Status
+    from service.messages.status import Status
     from service.wire.client import Client
 
     with Client(endpoint, prefix) as client:

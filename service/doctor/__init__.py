@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from service.config import Configuration
+from service.config.sections import Configuration
 from service.doctor.check import Check
 from service.doctor.host import check_clock, check_disk, check_zenoh
 from service.doctor.serial_ports import check_serial

@@ -7,11 +7,11 @@ from multiprocessing.connection import Connection
 from threading import Lock
 from typing import Any
 
-from service.capture.burst import Burst
-from service.config import FusionSection
+from service.config.sections import FusionSection
 from service.errors import WorkerError
-from service.fusion.fusion import FusedBurst
+from service.fusion.fuse import FusedBurst
 from service.fusion.serving import Failure, Ready, serve
+from service.messages.burst import Burst
 
 _START_TIMEOUT = 600.0
 """Seconds to import and compile the kernels: a few; two minutes where nothing is cached yet."""

@@ -10,9 +10,9 @@ import numpy as np
 
 from drivers.calibration import Calibration, Intrinsics
 from drivers.frame import Frame
-from service.capture.burst import Burst
-from service.config import FusionSection
-from service.fusion.fusion import FusedBurst, fuse_burst
+from service.config.sections import FusionSection
+from service.fusion.fuse import FusedBurst, fuse_burst
+from service.messages.burst import Burst
 from solver.errors import FusionError
 
 _NICENESS = 5

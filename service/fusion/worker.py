@@ -7,12 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from threading import Condition, Thread
 
-from service.capture.burst import Burst
-from service.config import FusionSection
+from service.config.sections import FusionSection
 from service.errors import WorkerError
-from service.fusion.fusion import FusedBurst
+from service.fusion.fuse import FusedBurst
 from service.fusion.process import FusionProcess
 from service.fusion.serving import Failure
+from service.messages.burst import Burst
 
 _STARTS = 3
 """Starts in a row that may fail before the worker is given up."""

@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.messages import Message
-from service.config import Configuration
-from service.fusion.fusion import FusedBurst
-from service.output.directory import made_directory
-from service.output.previews import Previews
-from service.output.recorder import Recorder
-from service.output.recording_file import Head
-from service.output.shelf import Shelf, SingleFile
-from service.topics import FUSED_POINTS
-from service.wire.messages import points_message
-from service.wire.publisher import Publisher
+from service.config.sections import Configuration
+from service.files import made_directory
+from service.fusion.fuse import FusedBurst
+from service.messages.encoding import points_message
+from service.messages.topics import FUSED_POINTS
+from service.sinks.pictures import Previews
+from service.sinks.publisher import Publisher
+from service.sinks.recorder import Recorder
+from service.sinks.recording_directory import Shelf, SingleFile
+from service.sinks.recording_file import Head
 from service.wire.session import open_session
 
 FUSED_FILE = "fused.mcap"

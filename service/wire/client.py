@@ -15,9 +15,9 @@ import zenoh.ext
 
 from drivers.messages import CAMERA_CALIBRATION
 from service.errors import RemoteError
-from service.topics import FUSED_CALIBRATION, TOPICS, Congestion, Topic
+from service.messages.decoding import Received, decode
+from service.messages.topics import FUSED_CALIBRATION, TOPICS, Congestion, Topic
 from service.wire.addresses import DEFAULT_ENDPOINT, DEFAULT_PREFIX
-from service.wire.decoding import Received, decode
 from service.wire.session import open_session
 
 _IMAGES = 2

@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 
 from drivers.recording import Recording, open_recording
 from service.cli import app
-from service.config import FusionSection
-from service.fusion.fusion import FusedBurst
-from service.offline import fuse_recording
+from service.config.sections import FusionSection
+from service.fusion.fuse import FusedBurst
+from service.jobs.fuse import fuse_recording
 from solver.geometry import points_from_distance
 
 STATION = Path(__file__).parents[3] / "shared" / "data" / "sr4000" / "station1"

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from drivers.recording import open_recording
-from service.config import FusionSection
-from service.fusion.fusion import fuse_burst
-from service.fusion.quality import judge
-from service.fusion.summary import describe, summarize
-from service.offline import recorded_bursts
+from service.config.sections import FusionSection
+from service.fusion.fuse import fuse_burst
+from service.jobs.fuse import recorded_bursts
+from service.messages.quality import judge
+from service.messages.summary import describe, summarize
 
 WEDGES = Path(__file__).parents[2] / "recordings" / "wedges.mcap"
 

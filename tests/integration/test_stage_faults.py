@@ -12,9 +12,9 @@ import pytest
 from drivers.mesasr import library
 from drivers.usb import discovery
 from service.capture.loop import Capture, Grabber, ScanBursts
-from service.capture.plan import make_plan
 from service.capture.rig import make_rig
-from service.config import CameraSection, Configuration, PlanSection, StageSection
+from service.config.sections import CameraSection, Configuration, PlanSection, StageSection
+from service.planning.plan import make_plan
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "drivers"))
 

@@ -17,8 +17,8 @@ from drivers.messages import decode_image
 from drivers.recording import open_recording
 from drivers.usb import discovery
 from service.capture.rig import make_rig
-from service.config_file import load
-from service.daemon import Daemon, Watch
+from service.config.file import load
+from service.daemon.daemon import Daemon, Watch
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "drivers"))
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from drivers import Frame, sr3000_calibration
-from service.capture.burst import Burst
-from service.config import FusionSection
-from service.fusion.fusion import FusedBurst, fuse_burst
+from service.config.sections import FusionSection
+from service.fusion.fuse import FusedBurst, fuse_burst
+from service.messages.burst import Burst
 
 NOISE, SHAPE = 0.01, (36, 44)
 

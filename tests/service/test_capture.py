@@ -16,11 +16,11 @@ from drivers import (
     RecordingError,
 )
 from drivers.clock import VirtualClock
-from service.capture.burst import Burst
 from service.capture.loop import Capture, CarriedBursts, Grabber, ScanBursts, exposure_start
-from service.capture.plan import make_plan
 from service.capture.rig import Rig
-from service.config import PlanSection
+from service.config.sections import PlanSection
+from service.messages.burst import Burst
+from service.planning.plan import make_plan
 
 SETTLE = 0.05
 

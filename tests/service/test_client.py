@@ -12,11 +12,11 @@ import pytest
 from drivers import Frame, sr3000_calibration
 from drivers.messages import calibration_message, frame_messages
 from service.errors import RemoteError, SessionError
-from service.fusion.fusion import FusedBurst
+from service.fusion.fuse import FusedBurst
+from service.messages.decoding import Received, decode
+from service.messages.encoding import fused_messages, points_message
+from service.sinks.publisher import Publisher
 from service.wire.client import Client
-from service.wire.decoding import Received, decode
-from service.wire.messages import fused_messages, points_message
-from service.wire.publisher import Publisher
 from service.wire.session import open_session
 
 WEDGES = Path(__file__).parents[2] / "recordings" / "wedges.mcap"

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from service.config import Configuration
-from service.config_file import load, schema
+from service.config.file import load, schema
+from service.config.sections import Configuration
 from service.errors import ConfigurationError
 
 

@@ -14,11 +14,11 @@ from drivers.clock import VirtualClock
 from drivers.messages import decode_image
 from drivers.recording import open_recording
 from service.capture.rig import Rig
-from service.config import Configuration
-from service.config_file import load
-from service.daemon import Daemon, Watch
+from service.config.file import load
+from service.config.sections import Configuration
+from service.daemon.daemon import Daemon, Watch
 from service.errors import PlanError, ServiceError, SessionError
-from service.fusion.summary import BurstSummary
+from service.messages.summary import BurstSummary
 from service.wire.session import open_session
 
 FUSION = {"method": "nearest", "upsampling": 2, "register_poses": False, "frames": 4}

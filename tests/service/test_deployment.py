@@ -7,10 +7,10 @@ import pytest
 import zenoh
 
 from service.errors import RemoteError
-from service.fusion.fusion import FusedBurst
+from service.fusion.fuse import FusedBurst
+from service.messages.encoding import fused_messages
+from service.sinks.publisher import Publisher
 from service.wire.client import Client
-from service.wire.messages import fused_messages
-from service.wire.publisher import Publisher
 from service.wire.session import open_session
 
 DEPLOY = Path(__file__).parents[2] / "deploy"

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from drivers.errors import NotAvailableError
 from drivers.listing import FoundDevice
 from service.cli import app
-from service.config import CameraSection, Configuration, RecordingSection, StageSection, ZenohSection
+from service.config.sections import CameraSection, Configuration, RecordingSection, StageSection, ZenohSection
 from service.doctor import host, serial_ports, udev_rules, usb
 from service.doctor.host import check_clock, check_disk, check_zenoh
 from service.doctor.serial_ports import check_serial

@@ -9,10 +9,10 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
 from drivers.messages import Message
-from service.fusion.fusion import FusedBurst
-from service.fusion.report import BurstReport
-from service.topics import TOPICS
-from service.wire.messages import fused_messages, log_message, points_message
+from service.fusion.fuse import FusedBurst
+from service.messages.encoding import fused_messages, log_message, points_message
+from service.messages.report import BurstReport
+from service.messages.topics import TOPICS
 
 
 def by_topic(result: FusedBurst) -> dict[str, Message]:

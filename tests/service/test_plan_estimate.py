@@ -6,9 +6,9 @@ import pytest
 from drivers.calibration import Mount, sr3000_calibration
 from drivers.simulated import SimulatedStage
 from drivers.stage import Limits
-from service.capture.estimate import estimate_plan
-from service.capture.plan import make_plan
-from service.config import PlanSection
+from service.config.sections import PlanSection
+from service.planning.estimate import estimate_plan
+from service.planning.plan import make_plan
 
 CAMERA = sr3000_calibration()
 
@@ -68,8 +68,8 @@ def test_camera_on_the_axes_has_no_parallax():
 
 def test_a_stage_that_only_pans_gets_a_plan_it_can_run(caplog):
     from service.capture.rig import make_rig
-    from service.config import CameraSection, Configuration, StageSection
-    from service.daemon import Daemon
+    from service.config.sections import CameraSection, Configuration, StageSection
+    from service.daemon.daemon import Daemon
 
     class PanOnly(SimulatedStage):
         def _limits(self):

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from drivers import sr3000_calibration
-from service.capture.burst import Burst
-from service.config import FusionSection
-from service.fusion.fusion import FusedBurst, fuse_burst
-from service.fusion.quality import error_map, judge
-from service.output.preview import draw, write_preview
-from service.output.shading import shade
+from service.config.sections import FusionSection
+from service.fusion.fuse import FusedBurst, fuse_burst
+from service.messages.burst import Burst
+from service.messages.quality import error_map, judge
+from service.sinks.drawing import draw, write_preview
+from service.sinks.shading import shade
 
 
 @pytest.fixture(scope="module")

@@ -20,10 +20,10 @@ import zenoh
 
 from drivers.messages import Message, Schema
 from service.errors import SessionError
-from service.fusion.fusion import FusedBurst
+from service.fusion.fuse import FusedBurst
+from service.messages.encoding import fused_messages, points_message
+from service.sinks.publisher import Publisher
 from service.wire.addresses import DEFAULT_PREFIX
-from service.wire.messages import fused_messages, points_message
-from service.wire.publisher import Publisher
 from service.wire.session import open_session
 
 LISTENER = Path(__file__).with_name("listener.py")

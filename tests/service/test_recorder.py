@@ -8,11 +8,11 @@ from mcap.reader import make_reader
 
 import drivers.recording.output as output
 from drivers.messages import Message, Schema
-from service.config import RecordingSection
+from service.config.sections import RecordingSection
 from service.errors import OutputError, ServiceError
-from service.output.recorder import Head, Recorder
-from service.output.shelf import Shelf, SingleFile
-from service.wire.outbox import Outbox
+from service.sinks.queue import Outbox
+from service.sinks.recorder import Head, Recorder
+from service.sinks.recording_directory import Shelf, SingleFile
 
 SCHEMA = Schema("lidarboost.Status", "jsonschema", b'{"type": "object"}')
 SECOND = 1_000_000_000

@@ -7,11 +7,11 @@ import pytest
 from typer.testing import CliRunner
 
 from service.cli import app
-from service.fusion.fusion import FusedBurst
-from service.health.status import Drops, Rates, Status, Totals
-from service.output.recorder import RecorderState
-from service.wire.messages import fused_messages, points_message, status_message
-from service.wire.publisher import Publisher
+from service.fusion.fuse import FusedBurst
+from service.messages.encoding import fused_messages, points_message, status_message
+from service.messages.status import Drops, Rates, Status, Totals
+from service.sinks.publisher import Publisher
+from service.sinks.recorder import RecorderState
 from service.wire.session import open_session
 
 STATUS = Status(

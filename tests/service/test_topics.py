@@ -1,9 +1,9 @@
 from pathlib import Path
 
 from drivers.messages import FrameFields, json_schema
-from service.fusion.report import BurstReport
-from service.health.status import Status
-from service.topics import TOPICS, Congestion, topic_table
+from service.messages.report import BurstReport
+from service.messages.status import Status
+from service.messages.topics import TOPICS, Congestion, topic_table
 
 ROOT = Path(__file__).parents[2]
 

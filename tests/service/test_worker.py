@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scripted import calibration, frame
 
-from service.capture.burst import Burst
-from service.config import FusionSection
+from service.config.sections import FusionSection
 from service.errors import WorkerError
-from service.fusion.fusion import FusedBurst
+from service.fusion.fuse import FusedBurst
 from service.fusion.worker import FusionWorker
+from service.messages.burst import Burst
 
 SETTINGS = FusionSection(method="nearest", upsampling=2, register_poses=False, timeout=20.0)
 

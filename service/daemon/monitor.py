@@ -4,9 +4,9 @@ import time
 
 from service.capture.loop import CaptureCounts
 from service.capture.rig import Rig
+from service.daemon.systemd import WATCHDOG, notify
 from service.fusion.worker import FusionWorker
-from service.health.status import Drops, Meter, Rates, State, Status, Totals
-from service.health.systemd import WATCHDOG, notify
+from service.messages.status import Drops, Meter, Rates, State, Status, Totals
 from service.output.outlets import Outlets
 from service.versions import software_version
 

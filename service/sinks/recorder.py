@@ -13,9 +13,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from drivers.errors import StorageError
 from drivers.messages import CAMERA_CALIBRATION, Message
 from service.errors import ServiceError
-from service.output.recording_file import Head, RecordingFile, Unit
-from service.topics import TOPICS
-from service.wire.outbox import Outbox
+from service.messages.topics import TOPICS
+from service.sinks.queue import Outbox
+from service.sinks.recording_file import Head, RecordingFile, Unit
 
 _QUEUE_UNITS = 4096
 _QUEUE_BYTES = 128 << 20

@@ -17,8 +17,8 @@ from drivers.frame import Frame
 from drivers.recording import RecordingWriter, attachments
 from drivers.simulated import SimulatedCamera, SimulatedStage
 from drivers.simulation.render import Truth
-from service.capture.plan import Plan, make_plan
-from service.config import Configuration
+from service.config.sections import Configuration
+from service.planning.plan import Plan, make_plan
 
 EPOCH = 1_767_225_600 * 10**9
 """1 January 2026 0:00 UTC: simulated time begins there, so that equal commands give equal frames."""

@@ -42,7 +42,7 @@ class _Publishing(logging.Handler):
         self._send = send
 
     def emit(self, record: logging.LogRecord) -> None:
-        from service.wire.messages import log_message
+        from service.messages.encoding import log_message
 
         try:
             self._send(log_message(record))

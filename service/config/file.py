@@ -12,7 +12,7 @@ from pydantic_core import ErrorDetails
 from pydantic_settings import BaseSettings, InitSettingsSource, PydanticBaseSettingsSource, SettingsConfigDict
 from pydantic_settings.exceptions import SettingsError
 
-from service.config import Configuration
+from service.config.sections import Configuration
 from service.errors import ConfigurationError
 
 PREFIX = "LIDARBOOST_"

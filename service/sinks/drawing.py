@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from service.fusion.fusion import FusedBurst
-from service.fusion.quality import error_map, judge
-from service.output.shading import shade
+from service.fusion.fuse import FusedBurst
+from service.messages.quality import error_map, judge
+from service.sinks.shading import shade
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,9 +7,9 @@ from threading import Thread
 import numpy as np
 from numpy.typing import NDArray
 
-from service.fusion.fusion import FusedBurst
-from service.output.preview import write_preview
-from service.wire.outbox import Outbox
+from service.fusion.fuse import FusedBurst
+from service.sinks.drawing import write_preview
+from service.sinks.queue import Outbox
 
 _WAITING = 2
 """Maps of 7 MB each that may wait; live, the oldest is not drawn."""

@@ -19,8 +19,8 @@ from drivers.messages import (
     protobuf_message,
     protobuf_time,
 )
-from service.fusion.fusion import FusedBurst
-from service.topics import (
+from service.fusion.fuse import FusedBurst
+from service.messages.topics import (
     FUSED_AMPLITUDE,
     FUSED_CALIBRATION,
     FUSED_DEPTH,

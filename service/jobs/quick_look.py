@@ -10,10 +10,10 @@ import numpy as np
 from drivers.frame import Frame
 from drivers.recording import RecordingWriter
 from service.calibration.still import reduce_still
+from service.capture.recording_head import head_of
 from service.capture.rig import Rig
-from service.config import Configuration
+from service.config.sections import Configuration
 from service.errors import ServiceError
-from service.output.recording_head import head_of
 
 
 def record_frames(path: Path, frames: Iterable[Frame], rig: Rig, configuration: Configuration) -> list[Frame]:

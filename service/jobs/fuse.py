@@ -7,10 +7,10 @@ from pathlib import Path
 from drivers.calibration import Calibration
 from drivers.messages import calibration_message, frame_messages
 from drivers.recording import Recording, RecordingWriter, attachments
-from service.capture.burst import Burst
-from service.config import FusionSection
-from service.fusion.fusion import FusedBurst, fuse_burst
-from service.wire.messages import fused_messages
+from service.config.sections import FusionSection
+from service.fusion.fuse import FusedBurst, fuse_burst
+from service.messages.burst import Burst
+from service.messages.encoding import fused_messages
 from solver.result import Progress
 
 Announce = Callable[[Burst], Progress | None]

@@ -2,9 +2,9 @@
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from service.fusion.fusion import FusedBurst
-from service.fusion.quality import Quality
-from service.fusion.report import BurstReport
+from service.fusion.fuse import FusedBurst
+from service.messages.quality import Quality
+from service.messages.report import BurstReport
 
 _WORTH_SAYING = 1e-3
 """Share of contradicted samples from which something was in the way: 4e-5 are usual at dark places."""

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from drivers.calibration import Calibration
 from drivers.frame import Frame
 from drivers.poses import relative_rotations
-from service.capture.burst import Burst
-from service.capture.plan import coverage
-from service.config import FusionSection
-from service.fusion.report import BurstReport, Phases
+from service.config.sections import FusionSection
+from service.messages.burst import Burst
+from service.messages.report import BurstReport, Phases
+from service.planning.plan import coverage
 from solver import Footprint, FusionWarning, fuse
 from solver.geometry import depth_from_distance, fused_intrinsics
 from solver.result import Fused, Progress

@@ -12,8 +12,8 @@ from drivers.errors import RecordingError
 from drivers.messages import decode_calibration, decode_image
 from drivers.recording import Recording, open_recording
 from service.errors import OutputError
-from service.output.ply import write_ply
-from service.topics import FUSED_AMPLITUDE, FUSED_CALIBRATION, FUSED_DEPTH, FUSED_DEVIATION
+from service.jobs.ply import write_ply
+from service.messages.topics import FUSED_AMPLITUDE, FUSED_CALIBRATION, FUSED_DEPTH, FUSED_DEVIATION
 from solver.geometry import distance_from_depth, points_from_distance
 
 Arrays = dict[str, NDArray[Any]]

@@ -12,25 +12,25 @@ from threading import Event
 from drivers.frame import Frame
 from drivers.messages import calibration_message, frame_messages
 from drivers.poses import camera_rotation
-from service.capture.burst import Burst
-from service.capture.estimate import estimate_plan
 from service.capture.loop import Bursts, Capture, CarriedBursts, Grabber, ScanBursts
-from service.capture.plan import Plan, make_plan
 from service.capture.played import recording_of, truth_of
+from service.capture.recording_head import head_of
 from service.capture.rig import Rig
-from service.config import Configuration
+from service.config.sections import Configuration
+from service.daemon.heartbeat import Heartbeat
+from service.daemon.logs import published_log
+from service.daemon.monitor import Monitor
+from service.daemon.systemd import READY, STOPPING, notify
 from service.errors import ServiceError
-from service.fusion.fusion import FusedBurst
-from service.fusion.quality import judge
-from service.fusion.summary import BurstSummary, RunSummary, describe, summarize
+from service.fusion.fuse import FusedBurst
 from service.fusion.worker import FusionWorker
-from service.health.heartbeat import Heartbeat
-from service.health.logs import published_log
-from service.health.monitor import Monitor
-from service.health.systemd import READY, STOPPING, notify
+from service.messages.burst import Burst
+from service.messages.encoding import fused_messages, status_message
+from service.messages.quality import judge
+from service.messages.summary import BurstSummary, RunSummary, describe, summarize
 from service.output.outlets import open_outlets
-from service.output.recording_head import head_of
-from service.wire.messages import fused_messages, status_message
+from service.planning.estimate import estimate_plan
+from service.planning.plan import Plan, make_plan
 
 _HANDOVER = 30.0
 """Seconds that subscribers get at the end to take what was published."""

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
-from service.config import RecordingSection
+from service.config.sections import RecordingSection
 from service.errors import OutputError
 
 MEGABYTE = 1_000_000

@@ -10,7 +10,7 @@ from google.protobuf.json_format import MessageToDict
 from numpy.typing import NDArray
 
 from service.errors import ConfigurationError, OutputError
-from service.wire.decoding import Received
+from service.messages.decoding import Received
 
 _PLY_TYPE = "float"
 

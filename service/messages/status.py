@@ -8,7 +8,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from service.output.recorder import RecorderState
+from service.sinks.recorder import RecorderState
 
 State = Literal["starting", "scanning", "streaming", "idle", "recovering", "stopping"]
 

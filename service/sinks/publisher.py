@@ -13,9 +13,9 @@ import zenoh
 import zenoh.ext
 
 from drivers.messages import Message
-from service.topics import ALIVE, TOPICS, Congestion, Topic
+from service.messages.topics import ALIVE, TOPICS, Congestion, Topic
+from service.sinks.queue import Outbox
 from service.wire.addresses import DEFAULT_PREFIX
-from service.wire.outbox import Outbox
 from service.wire.sockets import bytes_under_way
 
 _QUEUE_ITEMS = 2000

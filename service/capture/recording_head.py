@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from drivers.recording import attachments
 from service.capture.played import pack_truth
 from service.capture.rig import Rig
-from service.config import Configuration
-from service.output.recording_file import Head
+from service.config.sections import Configuration
+from service.sinks.recording_file import Head
 from service.versions import software_version
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from drivers.calibration import Calibration, Mount
 from drivers.poses import camera_centre, camera_rotation, relative_rotations
-from service.capture.plan import Plan, coverage
+from service.planning.plan import Plan, coverage
 
 PARALLAX_LIMIT = 0.1
 """Pixels; beyond it errors of position cost the fusion a factor of two to four."""

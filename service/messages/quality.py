@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from service.fusion.fusion import FusedBurst
+from service.fusion.fuse import FusedBurst
 
 
 @dataclass(frozen=True, slots=True)
