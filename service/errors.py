@@ -17,8 +17,20 @@ class WorkerError(ServiceError):
     """The fusion worker died or stopped answering, more often than a restart can mend."""
 
 
+class HungError(WorkerError):
+    """A worker gave no answer in time."""
+
+
 class OutputError(ServiceError):
     """A file could not be written: no space, no permission, or it exists already."""
+
+
+class EncodingError(ServiceError):
+    """An event could not be made into messages."""
+
+
+class SinkError(ServiceError):
+    """A sink cannot be used as it is named or set; says which and what is known."""
 
 
 class SessionError(ServiceError):

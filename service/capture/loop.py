@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from threading import Event
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 
 from drivers.errors import (
     DeviceLostError,
@@ -25,6 +25,9 @@ _ATTEMPTS = 4
 
 _STALE = 100
 """Stale frames in a row that cannot be what was still in the camera's buffers."""
+
+T = TypeVar("T")
+T_co = TypeVar("T_co", covariant=True)
 
 _log = logging.getLogger(__name__)
 
@@ -54,11 +57,11 @@ class CaptureCounts:
     error: str = ""
 
 
-class Bursts(Protocol):
-    """A way to gather frames into bursts."""
+class Source(Protocol[T_co]):
+    """A way to take bursts, or the frames of a stream."""
 
-    def take(self, number: int) -> Burst:
-        """One burst; raises as the devices do."""
+    def take(self, number: int) -> T_co:
+        """The burst, or the stream's frame, of that number; raises as the devices do."""
 
 
 class StoppedError(ServiceError):
@@ -88,6 +91,14 @@ class Grabber:
         self._sequence = frame.sequence
         return frame
 
+    def grab_patiently(self) -> Frame:
+        """The next frame, however long none was recorded; stopping ends the wait."""
+        while True:
+            try:
+                return self.grab()
+            except DeviceTimeoutError:
+                continue
+
     def keep(self, frame: Frame) -> Frame:
         """Count a frame that belongs to a burst, and show it."""
         self.counts.frames += 1
@@ -114,10 +125,12 @@ class ScanBursts:
         self._plan, self._settle, self._move_timeout = plan, settle, move_timeout
 
     def take(self, number: int) -> Burst:
-        frames = [self._frame(number, pose) for pose in range(len(self._plan))]
+        frames = [self.frame(number, pose) for pose in range(len(self._plan))]
+        self._grabber.counts.bursts += 1
         return Burst(number, tuple(frames), self._rig.calibration, len(self._plan))
 
-    def _frame(self, number: int, pose: int) -> Frame:
+    def frame(self, number: int | None, pose: int) -> Frame:
+        """The frame of a pose, as part of a burst where it has a number; tried again some times."""
         last: OperationError | None = None
         for _ in range(_ATTEMPTS):
             try:
@@ -127,11 +140,11 @@ class ScanBursts:
             except OperationError as error:
                 self._grabber.counts.faults += 1
                 self._grabber.counts.error = str(error)
-                _log.warning("burst %d, pose %d: %s; trying again", number, pose, error)
+                _log.warning("burst %s, pose %d: %s; trying again", number, pose, error)
                 last = error
         raise DeviceLostError(f"pose {pose} failed {_ATTEMPTS} times in a row, lastly: {last}") from last
 
-    def _attempt(self, number: int, pose: int) -> Frame:
+    def _attempt(self, number: int | None, pose: int) -> Frame:
         target = self._plan.poses[pose]
         if self._plan.moves:
             self._grabber.restart()  # frames that pass while the stage moves are not missed
@@ -140,7 +153,8 @@ class ScanBursts:
         still = self._rig.clock.now() + round(self._settle * 1e9)
         frame = self._fresh(still)
         position = self._rig.stage.position
-        placed = replace(frame, pan=position.pan, tilt=position.tilt, burst=number, pose=pose)
+        numbers = (None, None) if number is None else (number, pose)
+        placed = replace(frame, pan=position.pan, tilt=position.tilt, burst=numbers[0], pose=numbers[1])
         return self._grabber.keep(placed)
 
     def _fresh(self, still: int) -> Frame:
@@ -170,12 +184,12 @@ class CarriedBursts:
         self._next: Frame | None = None
 
     def take(self, number: int) -> Burst:
-        first = self._next or self._grab()
+        first = self._next or self._grabber.grab_patiently()
         self._next = None
         frames = [self._grabber.keep(_numbered(first, number, 0))]
         while first.burst is not None or len(frames) < self._length:
             try:
-                frame = self._grab()
+                frame = self._grabber.grab_patiently()
             except EndOfRecordingError:
                 break
             if frame.burst != first.burst or frame.sequence <= frames[-1].sequence:
@@ -186,50 +200,52 @@ class CarriedBursts:
         if first.burst is not None:
             poses = max(frame.pose or 0 for frame in frames) + 1
             expected = self._fullest = max(self._fullest, poses, len(frames))
+        self._grabber.counts.bursts += 1
         return Burst(frames[0].burst or 0, tuple(frames), self._rig.calibration, expected)
 
-    def _grab(self) -> Frame:
-        while True:
-            try:
-                return self._grabber.grab()
-            except DeviceTimeoutError:
-                continue  # nothing was recorded for a while; stopping ends the wait
 
-
-class Capture:
-    """Takes burst after burst and survives what happens to the devices.
+class Capture(Generic[T]):
+    """Takes burst after burst, or frame after frame, and survives what happens to the devices.
 
     Args:
         grabber: gives frames of the (open) rig.
-        bursts: gathers them.
-        pause: seconds between bursts.
+        source: takes them.
+        pause: seconds between one and the next.
+        recovering: told why the devices are opened again, and None once they are.
     """
 
-    def __init__(self, grabber: Grabber, bursts: Bursts, pause: float = 0.0) -> None:
+    def __init__(
+        self,
+        grabber: Grabber,
+        source: Source[T],
+        pause: float = 0.0,
+        recovering: Callable[[str | None], None] = lambda _: None,
+    ) -> None:
         self.counts = grabber.counts
         self._grabber, self._rig = grabber, grabber.rig
-        self._bursts, self._pause = bursts, pause
+        self._source, self._pause, self._recovering = source, pause, recovering
 
-    def run(self) -> Iterator[Burst]:
-        """Bursts until the grabber is stopped or a recording ends; an interrupted burst is taken again."""
+    def run(self) -> Iterator[T]:
+        """All until the grabber is stopped or a recording ends; what is interrupted is taken again."""
         number, stop = 0, self._grabber.stop
         while not stop.is_set():
             try:
-                burst = self._bursts.take(number)
+                taken = self._source.take(number)
             except (EndOfRecordingError, StoppedError):
                 return
             except OperationError as error:
                 self.counts.lost += 1
                 self.counts.interrupted += 1
                 self.counts.error = str(error)
-                _log.error("burst %d interrupted: %s; opening the devices again", number, error)
+                _log.error("number %d interrupted: %s; opening the devices again", number, error)
+                self._recovering(str(error))
                 if not self._rig.reopen(stop.is_set):
                     return
+                self._recovering(None)
                 self._grabber.restart()
                 continue
-            self.counts.bursts += 1
             number += 1
-            yield burst
+            yield taken
             self._rig.wait(self._pause, stop.is_set)
 
 

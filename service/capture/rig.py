@@ -32,6 +32,9 @@ class Rig:
         clock: of the devices.
         settings: put in force whenever the camera is opened; None = as the camera has them.
         calibration: replaces the camera's own.
+
+    Attributes:
+        beats: counted up by whatever waits on purpose or tries again: a sign of life where no frame comes.
     """
 
     def __init__(
@@ -47,6 +50,7 @@ class Rig:
         self.settings = settings
         self._calibration = calibration
         self.reopened = 0
+        self.beats = 0
         self.is_recovering = False
 
     @property
@@ -94,6 +98,7 @@ class Rig:
         self.close()
         wait = _FIRST_WAIT
         while not stopping():
+            self.beats += 1
             try:
                 self.open()
             except DriverError as error:
@@ -115,6 +120,7 @@ class Rig:
         """Let time pass, until `stopping` becomes true."""
         end = self.clock.now() + round(seconds * 1e9)
         while not stopping() and self.clock.now() < end:
+            self.beats += 1
             self.clock.sleep(min(0.1, (end - self.clock.now()) * 1e-9))
 
     def _check_shape(self) -> None:

@@ -118,7 +118,6 @@ def _fuse_one(
     from service.capture.rig import configured_calibration
     from service.files import made_directory
     from service.jobs.fuse import fuse_recording
-    from service.messages.quality import judge
     from service.messages.summary import describe, summarize
     from service.sinks.drawing import write_preview
 
@@ -130,7 +129,7 @@ def _fuse_one(
             stack.enter_context(made_directory(target.parent))
         announce, say = stack.enter_context(_progress(path, recording.frame_count, quiet=quiet))
         for result in fuse_recording(recording, configuration.fusion, calibration, target, announce):
-            burst = summarize(result, judge(result, recording.truth))
+            burst = summarize(result, recording.truth)
             found.append(burst)
             say(f"{path.name}: {describe(burst)}")
             if pictures and target is not None:

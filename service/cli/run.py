@@ -83,10 +83,10 @@ def run(
     something not delivered. A daemon told to stop ends with 0.
     """
     from service.capture.rig import make_rig
-    from service.cli.progress import shown_progress
+    from service.cli.progress import progress_sink
     from service.config.file import load
-    from service.daemon.daemon import Daemon
     from service.daemon.logs import log_to_stream
+    from service.daemon.run import run_service
 
     _check(replay, speed, loop, once)
     configuration = load(config)
@@ -94,16 +94,17 @@ def run(
         configuration = _playing(configuration, replay, speed or (None if once else 1.0), loop)
     log_to_stream(logging.WARNING if once or as_json else logging.INFO)
     rig = make_rig(configuration)
-    with shown_progress(quiet=as_json or not once) as watch:
-        daemon = Daemon(configuration, rig, output=output, once=once, watch=watch)
-        with _stopped_by_signals(daemon):
-            summary = daemon.run()
+    sinks = {"progress": progress_sink()} if once and not as_json else {}
+    with _stopped_by_signals() as signals:
+        summary = run_service(
+            configuration, rig, output=output, once=once, sinks=sinks, started=signals.stops
+        )
     if as_json:
         print(summary.model_dump_json(indent=2))
     else:
         _tell(summary)
     # A daemon that was told to stop has done its work, whatever it lost on the way.
-    if summary.lost and not (daemon.stop.is_set() and not once):
+    if summary.lost and not (signals.told and not once):
         raise typer.Exit(3)
 
 
@@ -129,23 +130,40 @@ def _playing(configuration: "Configuration", path: Path, speed: float | None, lo
     )
 
 
-@contextmanager
-def _stopped_by_signals(daemon: "Daemon") -> Iterator[None]:
+class _Signals:
     """SIGTERM and Ctrl-C end the run cleanly; another one some seconds later ends it at once."""
-    first: float | None = None
 
-    def stop(number: int, _frame: FrameType | None) -> None:
-        nonlocal first
-        daemon.stop.set()
+    def __init__(self) -> None:
+        self._daemon: Daemon | None = None
+        self._first: float | None = None
+
+    @property
+    def told(self) -> bool:
+        """Whether one came."""
+        return self._first is not None
+
+    def stops(self, daemon: "Daemon") -> None:
+        """From now on they stop this one; one that came before does so now."""
+        self._daemon = daemon
+        if self.told:
+            daemon.stop.set()
+
+    def __call__(self, number: int, _frame: FrameType | None) -> None:
         now = time.monotonic()
-        first = first or now
-        if now - first > _IMPATIENCE:
+        self._first = self._first or now
+        if self._daemon is not None:
+            self._daemon.stop.set()
+        if now - self._first > _IMPATIENCE:
             signal.signal(number, signal.SIG_DFL)
             signal.raise_signal(number)
 
-    before = {number: signal.signal(number, stop) for number in (signal.SIGTERM, signal.SIGINT)}
+
+@contextmanager
+def _stopped_by_signals() -> Iterator[_Signals]:
+    signals = _Signals()
+    before = {number: signal.signal(number, signals) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
-        yield
+        yield signals
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -31,18 +31,21 @@ def status(
 
 def _lines(told: "Status") -> Iterator[tuple[str, str]]:
     serial = f", serial {told.serial}" if told.serial else ""
-    yield "state", f"{told.state} for {told.uptime:.0f} s (lidarboost {told.version})"
+    yield "state", f"{told.state} for {told.seconds:.0f} s: {told.reason}"
+    yield "service", f"lidarboost {told.version}, up {told.uptime:.0f} s"
     yield "source", f"{told.source}: {told.model}{serial}" if told.source else "no camera"
     yield "frames", f"{told.totals.frames}, {told.rates.frames:.1f} per second"
     latency = "" if told.latency is None else f", {told.latency:.2f} s after the last frame"
     yield (
         "maps",
         f"{told.totals.fused} of {told.totals.bursts} bursts, {told.rates.fused:.2f} per second{latency}, "
-        f"{told.backlog} waiting",
+        f"{told.fusion.backlog} waiting",
     )
     drops = [f"{count} {cause}" for cause, count in told.drops.model_dump().items() if count]
     yield "dropped", ", ".join(drops) or "nothing"
     yield "recording", _recording(told)
+    for fault in told.degraded:
+        yield "degraded", f"{fault.what}, for {fault.seconds:.0f} s; {fault.remedy}"
     yield "error", told.error or "none"
 
 
@@ -51,8 +54,5 @@ def _recording(told: "Status") -> str:
     if recorder is None or recorder.file is None:
         return "off"
     free = "" if recorder.free is None else f", {recorder.free / 1e9:.1f} GB free"
-    kept = ", kept" if recorder.kept else ""
-    if recorder.error is not None:
-        return f"stopped: {recorder.error}"
     doing = "on" if recorder.recording else "off, last"
-    return f"{doing}: {recorder.file}, {recorder.size / 1e6:.1f} MB{kept}{free}"
+    return f"{doing}: {recorder.file}, {recorder.size / 1e6:.1f} MB{free}"

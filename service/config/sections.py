@@ -101,6 +101,12 @@ class FusionSection(_Section):
         )
 
 
+class StreamSection(_Section):
+    """How frames become a map each."""
+
+    window: int = Field(15, ge=1, le=200, description="Frames that are fused together: the newest ones.")
+
+
 class ZenohSection(_Section):
     """How results are published."""
 
@@ -119,6 +125,7 @@ class RecordingSection(_Section):
     directory: Path = Field(Path("recordings"), description="Where the files go.")
     rotate_size: float = Field(1024.0, ge=1, le=1e6, description="MB after which a new file is begun.")
     rotate_duration: float = Field(3600.0, ge=1, le=1e6, description="Seconds until a new file is begun.")
+    maps: bool = Field(True, description="Write fused maps too, not frames alone.")
     budget: float = Field(20_000.0, ge=1, le=1e9, description="MB of all files; the oldest goes when full.")
 
     @model_validator(mode="after")
@@ -133,16 +140,34 @@ class RecordingSection(_Section):
 class OutputSection(_Section):
     """What `--output` receives besides `fused.mcap`."""
 
-    preview: bool = Field(True, description="A PNG of every burst.")
+    preview: bool = Field(True, description="A PNG of every map; live, of the newest, as time allows.")
+    pictures: int = Field(1000, ge=1, le=1_000_000, description="Pictures kept live; the oldest goes.")
+    rotate_size: float = Field(1024.0, ge=1, le=1e6, description="MB after which a new file is begun.")
+    budget: float = Field(
+        20_000.0, ge=1, le=1e9, description="MB of the files of one run; live, the oldest goes when full."
+    )
+
+
+class SinkSection(_Section):
+    """One more that takes the events of the service."""
+
+    kind: str = Field(
+        min_length=1,
+        description="An installed sink, or the class itself as `module:Class`; see CONTRIBUTING.md.",
+    )
+    options: dict[str, Any] = Field({}, description="Options of the sink itself; it checks them.")
 
 
 class Configuration(_Section):
     """Everything that can be set, by one TOML file, then the environment, then flags."""
 
+    start: Literal["idle", "scan", "stream"] = Field("scan", description="What the service does first.")
     camera: CameraSection = CameraSection()
     stage: StageSection = StageSection()
     plan: PlanSection = PlanSection()
     fusion: FusionSection = FusionSection()
+    stream: StreamSection = StreamSection()
     zenoh: ZenohSection = ZenohSection()
     recording: RecordingSection = RecordingSection()
     output: OutputSection = OutputSection()
+    sinks: dict[str, SinkSection] = Field({}, description="Further sinks, by the name of each.")

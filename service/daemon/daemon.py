@@ -1,152 +1,175 @@
-"""The service: camera and stage → bursts → fusion → publisher, recorders and pictures."""
+"""The run: devices → frames → jobs → maps, as events to whoever takes them."""
 
 import logging
-import time
-from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from math import radians
-from pathlib import Path
-from threading import Event
+from threading import Event as Flag
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from drivers.frame import Frame
-from drivers.messages import calibration_message, frame_messages
 from drivers.poses import camera_rotation
-from service.capture.loop import Bursts, Capture, CarriedBursts, Grabber, ScanBursts
+from service.capture.head import head_of
+from service.capture.loop import Grabber
 from service.capture.played import recording_of, truth_of
-from service.capture.recording_head import head_of
 from service.capture.rig import Rig
 from service.config.sections import Configuration
 from service.daemon.heartbeat import Heartbeat
-from service.daemon.logs import published_log
+from service.daemon.ledger import Ledger
+from service.daemon.logs import logged_events
+from service.daemon.modes import Idle, Mode, Scanning, Streaming
 from service.daemon.monitor import Monitor
+from service.daemon.states import States
 from service.daemon.systemd import READY, STOPPING, notify
 from service.errors import ServiceError
-from service.fusion.fuse import FusedBurst
-from service.fusion.worker import FusionWorker
-from service.messages.burst import Burst
-from service.messages.encoding import fused_messages, status_message
-from service.messages.quality import judge
-from service.messages.summary import BurstSummary, RunSummary, describe, summarize
-from service.output.outlets import open_outlets
-from service.planning.estimate import estimate_plan
-from service.planning.plan import Plan, make_plan
+from service.fusion.backlog import Backlog
+from service.fusion.job import Job
+from service.fusion.local import LocalExecutor
+from service.messages.events import DevicesOpened, Event, FrameCaptured, FusionFailed, MapFused
+from service.messages.map import FusedMap
+from service.sinks.bus import Bus
 
-_HANDOVER = 30.0
-"""Seconds that subscribers get at the end to take what was published."""
-
-_LAST_FUSION = 5.0
-"""Seconds that the bursts in work get when the service is told to stop: systemd allows 90."""
-
-_REMEMBERED = 1000
-"""Bursts of which a run keeps the summary: the service runs for weeks."""
+_LAST_JOBS = 2.0
+"""Seconds that the jobs in work get when the service is told to stop: it shall end within five."""
 
 _log = logging.getLogger(__name__)
 
-
-class Watch:
-    """Is told what happens; a progress display overrides what it shows. Called from several threads."""
-
-    def started(self, daemon: "Daemon") -> None:
-        """The devices are open."""
-
-    def warming(self) -> None:
-        """The fusion loads its kernels, or compiles them where this is their first run."""
-
-    def captured(self, frame: Frame) -> None:
-        """A frame belongs to a burst."""
-
-    def burst(self, number: int) -> None:
-        """That many bursts are complete."""
-
-    def fused(self, burst: BurstSummary) -> None:
-        """A map is finished and sent."""
-
-    def failed(self, burst: int, reason: str) -> None:
-        """A burst could not be fused."""
+ModeName = Literal["idle", "scan", "stream"]
 
 
 class Daemon:
-    """One run of the service.
+    """One run of the service; it knows nobody who takes its events.
+
+    The thread that calls `run` owns the devices. It works in one mode until that ends, or until another is
+    asked for.
 
     Args:
         configuration: what to do.
         rig: the configured devices, closed.
-        output: directory for `fused.mcap` and pictures, or None.
-        once: one pass: a recording to its end, or one burst of the plan. Nothing is dropped then: whoever is
-            faster waits.
-        watch: is told what happens.
+        bus: takes the events.
+        once: one pass: a recording to its end, one burst of the plan, or one window of a stream. Nothing is
+            dropped then: whoever is faster waits.
     """
 
-    def __init__(
-        self,
-        configuration: Configuration,
-        rig: Rig,
-        *,
-        output: Path | None = None,
-        once: bool = False,
-        watch: Watch | None = None,
-    ) -> None:
-        self.configuration, self.rig, self.output, self.once = configuration, rig, output, once
-        self.stop = Event()
-        self._watch = watch if watch is not None else Watch()
-        self._fused: deque[BurstSummary] = deque(maxlen=_REMEMBERED)
-        self._failures: list[str] = []
-        self._grabber = Grabber(rig, configuration.camera.timeout, self.stop, self._captured)
-        self._worker = FusionWorker(configuration.fusion, self._on_fused, self._on_failed, lossless=once)
+    def __init__(self, configuration: Configuration, rig: Rig, bus: Bus, *, once: bool = False) -> None:
+        self.configuration, self.rig, self.once = configuration, rig, once
+        self.stop = Flag()
+        self._changing = Flag()
+        self.ledger = Ledger()
+        self.states = States(self.emit)
+        self._bus = bus
+        self._wanted: ModeName = configuration.start
+        self._streams = 0
+        self._grid_moved = False
+        self.grabber = Grabber(rig, configuration.camera.timeout, self.stop, self._captured)
+        self._executor = LocalExecutor(configuration.fusion)
+        self.backlog = Backlog(self._executor, self._fused, self._failed, lossless=once)
+        self._truth: NDArray[np.float32] | None = None
 
     @property
     def carries_pose(self) -> bool:
         """Whether frames bring their own angles, as a recording's do; the rig must be open."""
         return self.rig.camera.capabilities.carries_pose
 
-    def run(self) -> RunSummary:
-        """Work until a recording ends, one pass is done, or `stop` is set; then hand everything over.
+    def emit(self, event: Event) -> None:
+        """Note an event and hand it to the sinks."""
+        self.ledger.note(event)
+        self._bus.emit(event)
+
+    def request(self, mode: ModeName) -> None:
+        """Ask for another mode; it begins after the burst, or the frame, at work."""
+        self._wanted = mode
+        self._changing.set()
+
+    def close(self) -> None:
+        """End the process that fuses, whatever it does."""
+        self._executor.close()
+
+    def run(self) -> None:
+        """Work until a recording ends, one pass is done, or `stop` is set.
 
         Raises:
             DriverError: the devices cannot be opened, or a recording cannot be used.
-            ServiceError: no session, no output, a plan out of reach, a dead worker, or not one map.
+            ServiceError: a plan out of reach, a fusion that cannot work, or not one map.
         """
-        self._worker.start()  # takes seconds to warm up, in which the devices open
         with ExitStack() as stack:
-            stack.callback(self._worker.close)
+            stack.callback(self.close)
             stack.enter_context(self._open_rig())
+            self.camera = self.rig.camera.capabilities
+            self.recording = recording_of(self.rig.camera)
             self._truth = truth_of(self.rig.camera, self.configuration.fusion.upsampling)
-            head = head_of(self.configuration, self.rig, self._truth)
-            self._outlets = stack.enter_context(
-                open_outlets(self.configuration, self.output, head, self._truth, lossless=self.once)
-            )
-            self._monitor = Monitor(self.rig, self._grabber.counts, self._worker, self._outlets)
-            began = time.monotonic()
-            # Neither status nor log may come once the recorders are closed.
-            with published_log(lambda message: self._outlets.send([message])), Heartbeat(self._beat):
-                self._work()
-            self._outlets.settle(_HANDOVER)
-            return self._summary(time.monotonic() - began)
+            monitor = Monitor(self.rig, self.grabber.counts, self, self._executor, self._bus)
+            mode = self._mode()
+            # Neither status nor log may come once the sinks are closed.
+            with logged_events(self.emit), Heartbeat(monitor.beat):
+                self._announce()
+                mode.prepare()
+                self._wait_ready()
+                notify(READY)
+                self._work(mode)
+                self._finish()
 
-    def _work(self) -> None:
-        """Capture and fuse until it is over."""
-        capture = Capture(self._grabber, self._bursts(), self.configuration.plan.pause)
-        self._watch.started(self)
+    def _work(self, mode: Mode) -> None:
+        """One mode after the other, as they are asked for."""
+        while not self.stop.is_set():
+            self.states.enter(mode.state, mode.reason)
+            mode.run(self._ending)
+            if not self._changing.is_set():
+                return
+            self._changing.clear()
+            mode = self._mode()
+            mode.prepare()
+
+    def _ending(self) -> bool:
+        return self.stop.is_set() or self._changing.is_set()
+
+    def _mode(self) -> Mode:
+        if self._wanted == "idle":
+            return Idle(self.rig)
+        if self._wanted == "stream":
+            self._streams += 1
+            return Streaming(self, self._streams)
+        return Scanning(self)
+
+    def _announce(self) -> None:
+        known, recording = self.camera, self.recording
+        settings = self.configuration
+        expected = settings.stream.window if self._wanted == "stream" else settings.fusion.frames
+        frames = recording.frame_count if recording is not None else expected if self.once else None
         calibration = self.rig.calibration
-        self._outlets.send([calibration_message(calibration, self.rig.clock.now())])
+        self.emit(
+            DevicesOpened(
+                model=known.model,
+                source=known.source,
+                calibration=calibration,
+                frames=frames,
+                timestamp=self.rig.clock.now(),
+                head=head_of(settings, self.rig, self._truth),
+            )
+        )
         camera_rotation(0.0, 0.0, calibration.mount)  # imports a good part of SciPy, once, before frames come
-        self._watch.warming()
-        self._worker.wait_ready(self.stop.is_set)
-        notify(READY)
-        self._monitor.state = "scanning"
-        for burst in capture.run():
-            self._outlets.send([calibration_message(burst.calibration, burst.reference.timestamp)])
-            self._watch.burst(capture.counts.bursts)
-            self._worker.submit(burst)
-            if self.once and not self.carries_pose:
-                break
-        self._monitor.state = "stopping"
+
+    def _wait_ready(self) -> None:
+        """Wait until the kernels are compiled; raises `WorkerError` where the fusion was given up."""
+        why = "the fusion loads its kernels; on its first run here it compiles them, for about two minutes"
+        self.states.enter("starting", why)
+        while not self.stop.is_set():
+            try:
+                self._executor.ready.result(timeout=0.2)
+                return
+            except TimeoutError:
+                continue
+
+    def _finish(self) -> None:
+        self.states.enter("stopping", "told to stop" if self.stop.is_set() else "all is captured")
         notify(STOPPING)
-        self._worker.drain(_LAST_FUSION if self.stop.is_set() else None)
-        self._worker.close()
-        if self._worker.counts.fused == 0 and not self.stop.is_set():
-            raise ServiceError(f"no burst could be fused: {self._why_nothing()}")
+        if not self.backlog.drain(_LAST_JOBS if self.stop.is_set() else None):
+            self.backlog.clear()
+        if self.ledger.fused == 0 and not self.stop.is_set():
+            why = self.ledger.failures[-1] if self.ledger.failures else "there was none"
+            raise ServiceError(f"no burst could be fused: {why}")
 
     @contextmanager
     def _open_rig(self) -> Iterator[None]:
@@ -156,91 +179,25 @@ class Daemon:
         finally:
             self.rig.close()
 
-    def _bursts(self) -> Bursts:
-        """How frames become bursts: as they say themselves, else by the plan."""
-        settings = self.configuration
-        if self.carries_pose:
-            return CarriedBursts(self._grabber, settings.fusion.frames)
-        limits = self.rig.stage.limits
-        only_pan = limits.tilt[0] == limits.tilt[1]
-        plan = make_plan(
-            settings.plan.model_copy(update={"axes": "pan"}) if only_pan else settings.plan,
-            settings.fusion.frames,
-            self.rig.calibration.intrinsics,
-            upsampling=settings.fusion.upsampling,
-            resolution=radians(settings.stage.resolution) or self.rig.stage.resolution,
-            still=only_pan and limits.pan[0] == limits.pan[1],
-        )
-        plan.check(limits)
-        if plan.moves:
-            self._announce(plan)
-        return ScanBursts(self._grabber, plan, settings.stage.settle, settings.stage.timeout)
+    def recovering(self, mode: Mode) -> Callable[[str | None], None]:
+        """Told of a device that is lost, and of its return."""
 
-    def _announce(self, plan: Plan) -> None:
-        settings = self.configuration
-        expected = estimate_plan(
-            plan,
-            self.rig.calibration,
-            settings.fusion.upsampling,
-            settings.plan.nearest,
-            settings.plan.farthest,
-        )
-        _log.info("plan: %s", expected)
-        for warning in expected.warnings:
-            _log.warning("plan: %s", warning)
+        def tell(reason: str | None) -> None:
+            if reason is None:
+                self.states.enter(mode.state, mode.reason)
+            else:
+                self.states.enter("recovering", reason)
+
+        return tell
 
     def _captured(self, frame: Frame) -> None:
-        self._outlets.send(frame_messages(frame, self.rig.calibration.mount))
-        self._monitor.frame()
-        self._watch.captured(frame)
+        self.emit(FrameCaptured(frame, self.rig.calibration.mount))
 
-    def _on_fused(self, result: FusedBurst) -> None:
-        self._outlets.send_fused(result, fused_messages(result))
-        self._monitor.map(result.report.latency)
-        burst = summarize(result, judge(result, self._truth))
-        self._fused.append(burst)
-        _log.info("%s", describe(burst))
-        self._watch.fused(burst)
+    def _fused(self, result: FusedMap) -> None:
+        # The truth is that of the first view: a stream whose grid has moved has none.
+        self._grid_moved = self._grid_moved or bool(result.report.notes)
+        self.emit(MapFused(result, None if self._grid_moved else self._truth))
 
-    def _on_failed(self, burst: Burst, reason: str) -> None:
-        _log.error("burst %d could not be fused: %s", burst.id, reason)
-        self._failures.append(f"burst {burst.id} not fused: {reason}")
-        del self._failures[:-_REMEMBERED]
-        self._watch.failed(burst.id, reason)
-
-    def _beat(self) -> None:
-        status = self._monitor.status()
-        self._outlets.send([status_message(status, status.timestamp)])
-        self._monitor.tell_systemd(status)
-
-    def _why_nothing(self) -> str:
-        return self._failures[-1] if self._failures else "there was none"
-
-    def _summary(self, seconds: float) -> RunSummary:
-        known, counts = self.rig.camera.capabilities, self._grabber.counts
-        return RunSummary(
-            source=known.source,
-            model=known.model,
-            frames=counts.frames,
-            stale=counts.stale,
-            dropped_frames=counts.dropped,
-            bursts=counts.bursts,
-            fused=tuple(self._fused),
-            maps=self._worker.counts.fused,
-            published=self._outlets.published,
-            files=tuple(str(path) for path in self._outlets.files),
-            seconds=seconds,
-            lost=tuple(self._lost()),
-        )
-
-    def _lost(self) -> list[str]:
-        recording = recording_of(self.rig.camera)
-        said = [f"{recording.path}: {recording.damage}"] if recording is not None and recording.damage else []
-        said += self._failures
-        if self._worker.counts.dropped:
-            said.append(
-                f"{self._worker.counts.dropped} bursts not fused: the fusion was slower than the capture"
-            )
-        if self._grabber.counts.dropped and not self.carries_pose:
-            said.append(f"{self._grabber.counts.dropped} frames dropped by the camera")
-        return said + self._outlets.lost
+    def _failed(self, job: Job, error: Exception) -> None:
+        _log.error("number %d could not be fused: %s", job.number, error)
+        self.emit(FusionFailed(job.number, str(error)))

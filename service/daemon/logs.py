@@ -1,4 +1,4 @@
-"""The service's log: to standard output and to the topic `log`; repeated warnings are thinned out."""
+"""The service's log: to standard output and as events; repeated warnings are thinned out."""
 
 import logging
 import sys
@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from drivers.messages import Message
+from service.messages.events import Event, Logged
 
 _LOGGERS = ("service", "drivers")
 _QUIET = 10.0
@@ -36,16 +36,14 @@ class RepeatFilter(logging.Filter):
         return True
 
 
-class _Publishing(logging.Handler):
-    def __init__(self, send: Callable[[Message], None]) -> None:
+class _Emitting(logging.Handler):
+    def __init__(self, emit: Callable[[Event], None]) -> None:
         super().__init__(logging.INFO)
-        self._send = send
+        self._hand_over = emit
 
     def emit(self, record: logging.LogRecord) -> None:
-        from service.messages.encoding import log_message
-
         try:
-            self._send(log_message(record))
+            self._hand_over(Logged(record))
         except Exception:
             self.handleError(record)
 
@@ -65,9 +63,9 @@ def log_to_stream(level: int) -> None:
 
 
 @contextmanager
-def published_log(send: Callable[[Message], None]) -> Iterator[None]:
-    """Send this service's records, from INFO on, as messages while in the context."""
-    handler = _Publishing(send)
+def logged_events(emit: Callable[[Event], None]) -> Iterator[None]:
+    """Emit this service's records, from INFO on, as events while in the context."""
+    handler = _Emitting(emit)
     handler.addFilter(RepeatFilter())
     for name in _LOGGERS:
         logging.getLogger(name).addHandler(handler)

@@ -1,14 +1,22 @@
-"""Puts the counts of all parts together into the status."""
+"""Puts the counts of all parts together into the status, once a second."""
+
+from __future__ import annotations
 
 import time
+from typing import TYPE_CHECKING
 
 from service.capture.loop import CaptureCounts
 from service.capture.rig import Rig
 from service.daemon.systemd import WATCHDOG, notify
-from service.fusion.worker import FusionWorker
-from service.messages.status import Drops, Meter, Rates, State, Status, Totals
-from service.output.outlets import Outlets
+from service.fusion.executor import Executor
+from service.messages.events import StatusTold
+from service.messages.status import Drops, Rates, Status, Totals
+from service.sinks.bus import Bus
+from service.sinks.recorder import Recorder
 from service.versions import software_version
+
+if TYPE_CHECKING:
+    from service.daemon.daemon import Daemon
 
 
 class Monitor:
@@ -17,62 +25,86 @@ class Monitor:
     Args:
         rig: open.
         capture: what happened to frames.
-        worker: the fusion.
-        outlets: where results go.
+        daemon: the run.
+        executor: who fuses.
+        bus: who takes events.
     """
 
-    def __init__(self, rig: Rig, capture: CaptureCounts, worker: FusionWorker, outlets: Outlets) -> None:
-        self.state: State = "starting"
-        self._rig, self._capture, self._worker, self._outlets = rig, capture, worker, outlets
+    def __init__(
+        self, rig: Rig, capture: CaptureCounts, daemon: Daemon, executor: Executor, bus: Bus
+    ) -> None:
+        self._rig, self._capture, self._daemon = rig, capture, daemon
+        self._executor, self._bus = executor, bus
         self._camera = rig.camera.capabilities  # kept: a lost camera cannot be asked
         self._began = time.monotonic()
-        self._frames, self._maps = Meter(), Meter()
-        self._latency: float | None = None
-        self._seen = 0
+        self._seen = -1
 
-    def frame(self) -> None:
-        """A frame came."""
-        self._frames.tick()
-
-    def map(self, latency: float | None) -> None:
-        """A map was fused."""
-        self._maps.tick()
-        self._latency = latency
+    def beat(self) -> None:
+        """Look after the sinks, tell the status, feed the watchdog."""
+        self._bus.watch()
+        self._judge_sinks()
+        status = self.status()
+        self._daemon.emit(StatusTold(status))
+        self._tell_systemd(status)
 
     def status(self) -> Status:
         """How things are now."""
-        worker = self._worker.counts
+        daemon, states, ledger = self._daemon, self._daemon.states, self._daemon.ledger
+        fusion, sinks = self._executor.state, self._bus.states
+        lost = {sink.name: sink.dropped for sink in sinks}
+        recorder = self._bus.sink("recorder")
         return Status(
             timestamp=self._rig.clock.now(),
             version=software_version(),
-            state="recovering" if self._rig.is_recovering else self.state,
+            state=states.state,
+            reason=states.reason,
+            seconds=states.seconds,
+            degraded=states.degraded,
             source=self._camera.source,
             model=self._camera.model,
             serial=self._camera.serial,
             uptime=time.monotonic() - self._began,
-            totals=Totals(frames=self._capture.frames, bursts=self._capture.bursts, fused=worker.fused),
-            rates=Rates(frames=self._frames.rate, fused=self._maps.rate),
+            totals=Totals(
+                frames=self._capture.frames,
+                bursts=self._capture.bursts,
+                fused=ledger.fused,
+                unconverged=ledger.unconverged,
+            ),
+            rates=Rates(frames=ledger.frames.rate, fused=ledger.maps.rate),
             drops=Drops(
                 camera=self._capture.dropped,
                 stale=self._capture.stale,
                 faults=self._capture.faults,
-                bursts=self._capture.interrupted + worker.dropped,
-                fusions=worker.failed,
-                published=sum(self._outlets.publisher.dropped.values()),
-                recorded=sum(recorder.state.dropped for recorder in self._outlets.recorders),
+                bursts=self._capture.interrupted + daemon.backlog.dropped,
+                skipped=daemon.backlog.skipped,
+                fusions=ledger.failed,
+                published=lost.get("publisher", 0),
+                recorded=lost.get("recorder", 0),
             ),
-            backlog=self._worker.waiting,
-            latency=self._latency,
-            recorder=self._outlets.shelf.state,
-            error=self._capture.error or worker.error or None,
+            fusion=fusion,
+            latency=ledger.latency,
+            recorder=recorder.state if isinstance(recorder, Recorder) else None,
+            sinks=sinks,
+            error=self._capture.error or fusion.error,
         )
 
-    def tell_systemd(self, status: Status) -> None:
-        """One line of status; the watchdog is fed only while frames come."""
+    def _judge_sinks(self) -> None:
+        for sink in self._bus.states:
+            if sink.state in ("restarting", "failed"):
+                remedy = (
+                    "it is started again by itself" if sink.state == "restarting" else "restart the service"
+                )
+                self._daemon.states.degrade(f"sink {sink.name}", f"{sink.name}: {sink.error}", remedy)
+            else:
+                self._daemon.states.mend(f"sink {sink.name}")
+
+    def _tell_systemd(self, status: Status) -> None:
+        """One line of status; the watchdog is fed while the state's own kind of progress is made."""
         line = (
             f"STATUS={status.state}, {status.rates.frames:.1f} frames/s, {status.totals.fused} maps, "
             f"{status.drops.camera} frames dropped"
         )
-        alive = status.totals.frames > self._seen
-        self._seen = status.totals.frames
+        progress = self._rig.beats + status.totals.frames
+        alive = progress != self._seen
+        self._seen = progress
         notify(line, *([WATCHDOG] if alive else []))

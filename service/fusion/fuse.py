@@ -1,9 +1,9 @@
-"""One burst in, one fused map out: what the worker does, and `lidarboost fuse` too."""
+"""One burst in, one fused map out."""
 
 import time
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from drivers.frame import Frame
 from drivers.poses import relative_rotations
 from service.config.sections import FusionSection
 from service.messages.burst import Burst
+from service.messages.map import FusedMap
 from service.messages.report import BurstReport, Phases
 from service.planning.plan import coverage
 from solver import Footprint, FusionWarning, fuse
@@ -20,32 +21,7 @@ from solver.geometry import depth_from_distance, fused_intrinsics
 from solver.result import Fused, Progress
 
 
-@dataclass(frozen=True, slots=True)
-class FusedBurst:
-    """A fused map and where it belongs.
-
-    Attributes:
-        frame: the reference frame: its time and angles are the map's.
-        calibration: of the camera (one frame).
-        distance: (βH, βW) float32, radial metres, NaN = unknown.
-        depth: (βH, βW) float32, Z in metres.
-        deviation: (βH, βW) float32, one standard deviation of the distance, metres.
-        amplitude: (βH, βW) float32, counts per second of integration time, or None.
-        intrinsics: (3, 3) camera matrix of the map, pixels; the distortion is the calibration's.
-        report: how it went.
-    """
-
-    frame: Frame
-    calibration: Calibration
-    distance: NDArray[np.float32]
-    depth: NDArray[np.float32]
-    deviation: NDArray[np.float32]
-    amplitude: NDArray[np.float32] | None
-    intrinsics: NDArray[np.float64]
-    report: BurstReport
-
-
-def fuse_burst(burst: Burst, settings: FusionSection, progress: Progress | None = None) -> FusedBurst:
+def fuse_burst(burst: Burst, settings: FusionSection, progress: Progress | None = None) -> FusedMap:
     """Correct, fuse and convert to depth.
 
     Args:
@@ -67,7 +43,7 @@ def fuse_burst(burst: Burst, settings: FusionSection, progress: Progress | None 
         fused = fuse(
             distance,
             amplitude,
-            options=replace(settings.options(), footprint=_footprint(calibration)),
+            options=replace(settings.options(), footprint=footprint_of(calibration)),
             rotations=None if settings.register_poses else turns,
             initial=turns if settings.register_poses else None,
             intrinsics=calibration.intrinsics.matrix,
@@ -76,40 +52,55 @@ def fuse_burst(burst: Burst, settings: FusionSection, progress: Progress | None 
             noise=None if noise is None else noise.for_signal(reference.integration_time),
             progress=progress,
         )
-    intrinsics = fused_intrinsics(calibration.intrinsics.matrix, settings.upsampling)
-    depth = depth_from_distance(fused.distance, intrinsics, calibration.distortion or None)
-    report = _report(burst, fused, settings.upsampling, time.perf_counter() - began)
-    return FusedBurst(
-        reference, calibration, fused.distance, depth, fused.deviation, fused.amplitude, intrinsics, report
+    return map_of(
+        fused,
+        number=burst.id,
+        frames=burst.frames,
+        used=fused.report.used,
+        missing=burst.missing,
+        reference=reference,
+        calibration=calibration,
+        upsampling=settings.upsampling,
+        seconds=time.perf_counter() - began,
     )
 
 
-def _footprint(calibration: Calibration) -> Footprint:
-    known = calibration.footprint
-    return Footprint(side=known.fill_factor, blur=known.blur)
+def map_of(
+    fused: Fused,
+    *,
+    number: int,
+    frames: Sequence[Frame],
+    used: Sequence[int],
+    reference: Frame,
+    calibration: Calibration,
+    upsampling: int,
+    seconds: float,
+    missing: int = 0,
+    notes: tuple[str, ...] = (),
+) -> FusedMap:
+    """What the solver gives, with its depth and its report.
 
-
-def stack(
-    frames: Sequence[Frame], calibration: Calibration
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Corrected distances in metres, NaN where there is none, and linear amplitudes; (N, H, W) float32."""
-    distance = np.stack([calibration.correct(f.distance, f.ambiguity_range) for f in frames])
-    # Where gray mode hides the amplitude there is no distance either: the sample is not used at all.
-    amplitude = np.nan_to_num(np.stack([f.signal for f in frames]), nan=0.0)
-    return distance, amplitude
-
-
-def _report(burst: Burst, fused: Fused, upsampling: int, seconds: float) -> BurstReport:
+    Args:
+        fused: a row of its shifts for each of `frames`.
+        number: of the burst, or of the newest frame of a stream.
+        used: positions in `frames` of those fused.
+        reference: the frame on whose grid the map lies.
+        upsampling: β.
+        seconds: from the frames to the map.
+        missing: frames that the plan has, but the burst has not.
+        notes: what else is to be said.
+    """
+    lens = calibration.distortion or None
+    intrinsics = fused_intrinsics(calibration.intrinsics.matrix, upsampling)
+    depth = depth_from_distance(fused.distance, intrinsics, lens)
     known = np.isfinite(fused.distance)
-    spread = fused.deviation[known]
-    turns = fused.rotations
-    used = list(fused.report.used)
-    return BurstReport(
-        burst=burst.id,
-        timestamp=burst.reference.timestamp,
-        frames=len(burst.frames),
-        missing=burst.missing,
-        sequence=tuple(f.sequence for f in burst.frames),
+    spread, turns = fused.deviation[known], fused.rotations
+    report = BurstReport(
+        burst=number,
+        timestamp=reference.timestamp,
+        frames=len(frames),
+        missing=missing,
+        sequence=tuple(f.sequence for f in frames),
         method=fused.report.method,
         upsampling=upsampling,
         height=fused.distance.shape[0],
@@ -122,7 +113,7 @@ def _report(burst: Burst, fused: Fused, upsampling: int, seconds: float) -> Burs
         converged=fused.report.converged,
         noise=fused.report.noise,
         deviation=float(np.median(spread)) if spread.size else None,
-        coverage=coverage(fused.shifts[used], upsampling),
+        coverage=coverage(fused.shifts[list(used)], upsampling),
         used=tuple(used),
         rejected=fused.report.rejected,
         contradicted=fused.report.contradicted,
@@ -131,4 +122,28 @@ def _report(burst: Burst, fused: Fused, upsampling: int, seconds: float) -> Burs
         seconds=Phases(
             registration=fused.report.seconds.registration, solve=fused.report.seconds.solve, total=seconds
         ),
+        notes=notes,
     )
+    return FusedMap(
+        reference, calibration, fused.distance, depth, fused.deviation, fused.amplitude, intrinsics, report
+    )
+
+
+def footprint_of(calibration: Calibration) -> Footprint:
+    """How a pixel gathers light, as the solver takes it."""
+    known = calibration.footprint
+    return Footprint(side=known.fill_factor, blur=known.blur)
+
+
+def stack(
+    frames: Sequence[Frame], calibration: Calibration
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Corrected distances in metres, NaN where there is none, and linear amplitudes; (N, H, W) float32."""
+    pairs = [corrected(frame, calibration) for frame in frames]
+    return np.stack([distance for distance, _ in pairs]), np.stack([amplitude for _, amplitude in pairs])
+
+
+def corrected(frame: Frame, calibration: Calibration) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Corrected distance in metres, NaN where there is none, and linear amplitude; (H, W) float32."""
+    # Where gray mode hides the amplitude there is no distance either: the sample is not used at all.
+    return calibration.correct(frame.distance, frame.ambiguity_range), np.nan_to_num(frame.signal, nan=0.0)

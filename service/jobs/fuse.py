@@ -8,9 +8,10 @@ from drivers.calibration import Calibration
 from drivers.messages import calibration_message, frame_messages
 from drivers.recording import Recording, RecordingWriter, attachments
 from service.config.sections import FusionSection
-from service.fusion.fuse import FusedBurst, fuse_burst
+from service.fusion.fuse import fuse_burst
 from service.messages.burst import Burst
 from service.messages.encoding import fused_messages
+from service.messages.map import FusedMap
 from solver.result import Progress
 
 Announce = Callable[[Burst], Progress | None]
@@ -39,7 +40,7 @@ def fuse_recording(
     calibration: Calibration | None = None,
     output: Path | None = None,
     announce: Announce = lambda _: None,
-) -> Iterator[FusedBurst]:
+) -> Iterator[FusedMap]:
     """Fuse burst after burst; with `output`, write frames and maps into a recording, whole or not at all.
 
     Messages get the times of the frames for their log times, so that the result depends on the input alone.
@@ -77,7 +78,7 @@ def _copy_attachments(recording: Recording, calibration: Calibration, writer: Re
             writer.attach(name, attached.data, attached.media_type)
 
 
-def _write(writer: RecordingWriter, burst: Burst, result: FusedBurst) -> None:
+def _write(writer: RecordingWriter, burst: Burst, result: FusedMap) -> None:
     for frame in burst.frames:
         for message in frame_messages(frame, burst.calibration.mount):
             writer.write(message, frame.timestamp)

@@ -10,7 +10,7 @@ import numpy as np
 from drivers.frame import Frame
 from drivers.recording import RecordingWriter
 from service.calibration.still import reduce_still
-from service.capture.recording_head import head_of
+from service.capture.head import head_of
 from service.capture.rig import Rig
 from service.config.sections import Configuration
 from service.errors import ServiceError
@@ -23,7 +23,7 @@ def record_frames(path: Path, frames: Iterable[Frame], rig: Rig, configuration: 
         ServiceError: no frame came.
         StorageError, and as `Camera.grab`.
     """
-    head = head_of(configuration, rig, None)()
+    head = head_of(configuration, rig, None)
     kept: list[Frame] = []
     with RecordingWriter(path, head.metadata) as writer:
         for name, data, media_type in head.attachments:

@@ -33,11 +33,7 @@ class Burst:
         if not self.frames:
             raise RecordingError(f"burst {self.id} has no frame; expected {self.expected}")
         for frame in self.frames:
-            if frame.shape != self.calibration.shape:
-                raise RecordingError(
-                    f"frame {frame.sequence} has {frame.shape[0]} × {frame.shape[1]} pixels; its calibration "
-                    f"is for {self.calibration.height} × {self.calibration.width}: use its own"
-                )
+            check_frame(frame, self.calibration)
             if frame.ambiguity_range != self.frames[0].ambiguity_range:
                 raise RecordingError(
                     f"burst {self.id} mixes ambiguity ranges of {self.frames[0].ambiguity_range:g} m and "
@@ -53,3 +49,12 @@ class Burst:
     def missing(self) -> int:
         """Frames that the plan has, but the burst has not."""
         return max(0, self.expected - len(self.frames))
+
+
+def check_frame(frame: Frame, calibration: Calibration) -> None:
+    """Raise `RecordingError` where a frame is not of its calibration's size."""
+    if frame.shape != calibration.shape:
+        raise RecordingError(
+            f"frame {frame.sequence} has {frame.shape[0]} × {frame.shape[1]} pixels; its calibration "
+            f"is for {calibration.height} × {calibration.width}: use its own"
+        )

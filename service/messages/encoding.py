@@ -1,25 +1,36 @@
-"""What the service itself publishes, as messages: fused maps, points, reports, status and log."""
+"""Events as messages: frames, maps, points, reports, status and log."""
 
 import logging
+from functools import singledispatch
 
 import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from numpy.typing import NDArray
-from pydantic import BaseModel
 
 from drivers.calibration import Calibration, Intrinsics
 from drivers.messages import (
     CAMERA_FRAME_ID,
     Message,
     calibration_message,
+    frame_messages,
     image_message,
     json_message,
     protobuf_message,
     protobuf_time,
 )
-from service.fusion.fuse import FusedBurst
+from service.errors import EncodingError
+from service.messages.events import (
+    BurstCaptured,
+    DevicesOpened,
+    Event,
+    FrameCaptured,
+    Logged,
+    MapFused,
+    StatusTold,
+)
+from service.messages.map import FusedMap
 from service.messages.topics import (
     FUSED_AMPLITUDE,
     FUSED_CALIBRATION,
@@ -35,7 +46,59 @@ from solver.geometry import depth_from_distance, points_from_distance
 POINT_FIELDS = ("x", "y", "z", "amplitude", "deviation")
 
 
-def fused_messages(result: FusedBurst) -> list[Message]:
+def event_messages(event: Event) -> tuple[Message, ...]:
+    """What is published and recorded of an event; encoded once, however many sinks ask.
+
+    Raises:
+        EncodingError: it cannot be encoded.
+    """
+    try:
+        return event.once(event_messages, lambda: tuple(_messages(event)))
+    except Exception as error:
+        raise EncodingError(f"{type(event).__name__} cannot be encoded: {error}") from error
+
+
+def points_of(event: MapFused) -> Message:
+    """`points_message` of a map, made once."""
+    return event.once(points_of, lambda: points_message(event.map))
+
+
+@singledispatch
+def _messages(event: Event) -> list[Message]:  # noqa: ARG001
+    return []
+
+
+@_messages.register
+def _(event: DevicesOpened) -> list[Message]:
+    return [calibration_message(event.calibration, event.timestamp)]
+
+
+@_messages.register
+def _(event: FrameCaptured) -> list[Message]:
+    return frame_messages(event.frame, event.mount)
+
+
+@_messages.register
+def _(event: BurstCaptured) -> list[Message]:
+    return [calibration_message(event.burst.calibration, event.burst.reference.timestamp)]
+
+
+@_messages.register
+def _(event: MapFused) -> list[Message]:
+    return fused_messages(event.map)
+
+
+@_messages.register
+def _(event: StatusTold) -> list[Message]:
+    return [json_message(STATUS, event.status, event.status.timestamp)]
+
+
+@_messages.register
+def _(event: Logged) -> list[Message]:
+    return [log_message(event.record)]
+
+
+def fused_messages(result: FusedMap) -> list[Message]:
     """Calibration, depth, deviation, amplitude where there is one, and report of a fused map.
 
     All carry the time of the reference frame, so that its transform applies. The calibration comes first:
@@ -55,7 +118,7 @@ def fused_messages(result: FusedBurst) -> list[Message]:
     return [*messages, json_message(FUSED_REPORT, result.report, *at)]
 
 
-def fused_calibration(result: FusedBurst) -> Calibration:
+def fused_calibration(result: FusedMap) -> Calibration:
     """The calibration of the fused image: its intrinsics, the camera's distortion."""
     K = result.intrinsics
     rows, columns = result.depth.shape
@@ -68,7 +131,7 @@ def fused_calibration(result: FusedBurst) -> Calibration:
     )
 
 
-def points_message(result: FusedBurst) -> Message:
+def points_message(result: FusedMap) -> Message:
     """foxglove.PointCloud of every known pixel: x, y, z in `camera`, amplitude and deviation, float32.
 
     The deviation is the distance's, along the ray; an amplitude that the method does not give is NaN.
@@ -88,17 +151,12 @@ def points_message(result: FusedBurst) -> Message:
     return protobuf_message(FUSED_POINTS, cloud, result.frame.timestamp, result.frame.sequence)
 
 
-def fused_points(result: FusedBurst) -> NDArray[np.float32]:
+def fused_points(result: FusedMap) -> NDArray[np.float32]:
     """(P, 5) float32: x, y, z in metres, amplitude and deviation of each known pixel."""
     known = np.isfinite(result.distance)
     points = points_from_distance(result.distance, result.intrinsics, result.calibration.distortion or None)
     amplitude = np.full_like(result.distance, np.nan) if result.amplitude is None else result.amplitude
     return np.column_stack([points[known], amplitude[known], result.deviation[known]])
-
-
-def status_message(status: BaseModel, timestamp: int) -> Message:
-    """The service's status as JSON."""
-    return json_message(STATUS, status, timestamp)
 
 
 def log_message(record: logging.LogRecord) -> Message:

@@ -1,38 +1,35 @@
 """How far a fused map is from the truth, where there is one, beside what a single frame would give."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
 
-from service.fusion.fuse import FusedBurst
+from service.messages.map import FusedMap
 
 
-@dataclass(frozen=True, slots=True)
-class Quality:
-    """Errors of the distance in metres, over the pixels that truth, map and single frame all know.
+class Errors(BaseModel):
+    """Distance errors against the truth, metres, beside those of one frame.
 
-    Attributes:
-        rms, mean_absolute: of the fused map.
-        nearest_rms, nearest_mean_absolute: of the reference frame, each pixel repeated β × β times.
-        pixels: how many were compared.
+    Over the pixels that truth, map and single frame all know.
     """
 
-    rms: float
-    mean_absolute: float
-    nearest_rms: float
-    nearest_mean_absolute: float
-    pixels: int
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    rms: float = Field(ge=0)
+    mean_absolute: float = Field(ge=0)
+    nearest_rms: float = Field(ge=0, description="Of the reference frame, each pixel repeated β × β times.")
+    nearest_mean_absolute: float = Field(ge=0)
+    pixels: int = Field(ge=1, description="Pixels compared: those that truth, map and frame all know.")
 
 
-def error_map(result: FusedBurst, truth: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
+def error_map(result: FusedMap, truth: NDArray[np.float32] | None) -> NDArray[np.float32] | None:
     """(βH, βW) fused minus true distance, metres; None without a truth of the map's size."""
     if truth is None or truth.shape != result.distance.shape:
         return None
     return result.distance - truth
 
 
-def judge(result: FusedBurst, truth: NDArray[np.float32] | None) -> Quality | None:
+def judge(result: FusedMap, truth: NDArray[np.float32] | None) -> Errors | None:
     """Compare a map with the truth (βH, βW), metres; None without a truth of the map's size."""
     error = error_map(result, truth)
     if error is None or truth is None:
@@ -44,7 +41,7 @@ def judge(result: FusedBurst, truth: NDArray[np.float32] | None) -> Quality | No
     if not both.any():
         return None
     ours, theirs = error[both].astype(np.float64), single[both].astype(np.float64)
-    return Quality(
+    return Errors(
         rms=float(np.sqrt(np.mean(ours**2))),
         mean_absolute=float(np.mean(np.abs(ours))),
         nearest_rms=float(np.sqrt(np.mean(theirs**2))),

@@ -18,7 +18,7 @@ class BurstReport(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    burst: int = Field(description="Number of the burst.")
+    burst: int = Field(description="Number of the burst; in a stream, of the newest frame.")
     timestamp: int = Field(description="Mid-exposure of the reference frame, ns since the epoch.")
     frames: int = Field(ge=1, description="Frames given to the fusion.")
     missing: int = Field(ge=0, description="Frames that the plan has, but the burst has not.")
@@ -53,6 +53,7 @@ class BurstReport(BaseModel):
         description="Rotation vector of each frame, radians, camera axes; none where displacements were used."
     )
     seconds: Phases
+    notes: tuple[str, ...] = Field((), description="What else is to be said of it.")
     latency: float | None = Field(
         None, description="Seconds from the arrival of the last frame to the map; none outside the service."
     )

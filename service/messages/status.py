@@ -1,23 +1,22 @@
-"""How the service is doing: the payload of `status`, and the rates in it."""
+"""How the service is doing: the payload of `status`."""
 
-import time
-from collections import deque
-from collections.abc import Callable
-from threading import Lock
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from service.sinks.recorder import RecorderState
-
-State = Literal["starting", "scanning", "streaming", "idle", "recovering", "stopping"]
-
-_WINDOW = 10.0
-"""Seconds over which rates are taken: at one burst in some seconds a shorter window would jump."""
+State = Literal["starting", "idle", "scanning", "streaming", "recovering", "stopping"]
 
 
 class _Part(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Degraded(_Part):
+    """Something that does not work while the rest goes on."""
+
+    what: str = Field(description="What is wrong.")
+    remedy: str = Field(description="What mends it.")
+    seconds: float = Field(ge=0, description="For how long.")
 
 
 class Drops(_Part):
@@ -26,10 +25,13 @@ class Drops(_Part):
     camera: int = Field(0, ge=0, description="Frames that the camera took and that never arrived.")
     stale: int = Field(0, ge=0, description="Frames exposed before the stage stood still; not a fault.")
     faults: int = Field(0, ge=0, description="Frames or movements that failed and were tried again.")
-    bursts: int = Field(0, ge=0, description="Bursts given up or skipped because fusion was behind.")
-    fusions: int = Field(0, ge=0, description="Bursts whose fusion failed.")
-    published: int = Field(0, ge=0, description="Messages that the publisher had no room for.")
-    recorded: int = Field(0, ge=0, description="Messages that the recorder had no room for.")
+    bursts: int = Field(0, ge=0, description="Bursts given up, or skipped because the fusion was behind.")
+    skipped: int = Field(
+        0, ge=0, description="Frames of a stream without a map of their own: the fusion was behind."
+    )
+    fusions: int = Field(0, ge=0, description="Bursts, or frames of a stream, whose fusion failed.")
+    published: int = Field(0, ge=0, description="Events that the publisher had no room for.")
+    recorded: int = Field(0, ge=0, description="Messages that the recorder could not write.")
 
 
 class Totals(_Part):
@@ -38,6 +40,7 @@ class Totals(_Part):
     frames: int = Field(0, ge=0, description="Frames captured.")
     bursts: int = Field(0, ge=0, description="Bursts completed.")
     fused: int = Field(0, ge=0, description="Maps fused.")
+    unconverged: int = Field(0, ge=0, description="Maps among them whose solve did not converge.")
 
 
 class Rates(_Part):
@@ -47,12 +50,47 @@ class Rates(_Part):
     fused: float = Field(0.0, ge=0, description="Maps per second.")
 
 
+class FusionState(_Part):
+    """The process that fuses."""
+
+    backlog: int = Field(ge=0, description="Bursts, or frames of a stream, that wait.")
+    restarts: int = Field(ge=0, description="Times that the process had to be started again.")
+    hung: int = Field(ge=0, description="Times among them that it did not answer in time.")
+    error: str | None = Field(description="Its last fault; none = none.")
+
+
+class RecorderState(_Part):
+    """What the recorder is doing."""
+
+    recording: bool = Field(description="Whether it records.")
+    file: str | None = Field(description="The file being written, or the last one.")
+    size: int = Field(ge=0, description="Bytes in it.")
+    messages: int = Field(ge=0, description="Messages written by this recorder.")
+    free: int | None = Field(description="Bytes free on the disk; none while nothing was recorded.")
+
+
+class SinkState(_Part):
+    """One of those that take the events."""
+
+    name: str
+    state: Literal["running", "restarting", "failed", "ended"]
+    waiting: int = Field(ge=0, description="Events in its queue.")
+    taken: int = Field(ge=0, description="Events worked off.")
+    dropped: int = Field(ge=0, description="Events lost to it.")
+    faults: int = Field(ge=0, description="Times that it failed.")
+    abandoned: int = Field(ge=0, description="Times that it hung and was given up.")
+    error: str | None = Field(description="Why it does not run, or its last fault; none = none.")
+
+
 class Status(_Part):
     """How the service is doing; once a second."""
 
     timestamp: int = Field(description="When this was true, ns since the epoch.")
     version: str = Field(description="Version of the software.")
     state: State = Field(description="What it is doing.")
+    reason: str = Field(description="Why it is in that state.")
+    seconds: float = Field(ge=0, description="For how long it has been.")
+    degraded: tuple[Degraded, ...] = Field(description="What does not work meanwhile.")
     source: Literal["device", "replay", "simulation"] | None = Field(
         description="Where frames come from; none while there is no camera."
     )
@@ -62,36 +100,8 @@ class Status(_Part):
     totals: Totals
     rates: Rates
     drops: Drops
-    backlog: int = Field(ge=0, description="Bursts that wait for fusion.")
+    fusion: FusionState
     latency: float | None = Field(description="Seconds from the last frame of the last burst to its map.")
     recorder: RecorderState | None = Field(description="What is recorded; none = no recorder.")
-    error: str | None = Field(description="The last error; none = all well so far.")
-
-
-class Meter:
-    """Events per second over the last ten seconds; may be used from several threads."""
-
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock = clock
-        self._began = clock()
-        self._events: deque[float] = deque()
-        self._lock = Lock()
-
-    def tick(self) -> None:
-        """Count an event."""
-        with self._lock:
-            self._events.append(self._clock())
-            self._forget()
-
-    @property
-    def rate(self) -> float:
-        """Events per second; while younger than the window, over its own age."""
-        with self._lock:
-            self._forget()
-            span = min(_WINDOW, self._clock() - self._began)
-            return len(self._events) / span if span > 0 else 0.0
-
-    def _forget(self) -> None:
-        oldest = self._clock() - _WINDOW
-        while self._events and self._events[0] < oldest:
-            self._events.popleft()
+    sinks: tuple[SinkState, ...] = Field(description="Who takes the events, and how that goes.")
+    error: str | None = Field(description="The last error of capture or fusion; none = all well so far.")

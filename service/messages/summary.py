@@ -1,9 +1,12 @@
 """What a run did: for people at its end, and as JSON."""
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from service.fusion.fuse import FusedBurst
-from service.messages.quality import Quality
+from service.messages.events import MapFused
+from service.messages.map import FusedMap
+from service.messages.quality import Errors, judge
 from service.messages.report import BurstReport
 
 _WORTH_SAYING = 1e-3
@@ -12,16 +15,6 @@ _WORTH_SAYING = 1e-3
 
 class _Part(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Errors(_Part):
-    """Distance errors against the truth, metres, beside those of one frame."""
-
-    rms: float = Field(ge=0)
-    mean_absolute: float = Field(ge=0)
-    nearest_rms: float = Field(ge=0, description="Of the reference frame, each pixel repeated β × β times.")
-    nearest_mean_absolute: float = Field(ge=0)
-    pixels: int = Field(ge=1, description="Pixels compared: those that truth, map and frame all know.")
 
 
 class BurstSummary(_Part):
@@ -48,18 +41,14 @@ class RunSummary(_Part):
     lost: tuple[str, ...] = Field(description="What was lost, in words; empty = nothing.")
 
 
-def summarize(result: FusedBurst, quality: Quality | None) -> BurstSummary:
-    """One burst, with its errors where they are known."""
-    errors = None
-    if quality is not None:
-        errors = Errors(
-            rms=quality.rms,
-            mean_absolute=quality.mean_absolute,
-            nearest_rms=quality.nearest_rms,
-            nearest_mean_absolute=quality.nearest_mean_absolute,
-            pixels=quality.pixels,
-        )
-    return BurstSummary(report=result.report, errors=errors)
+def summary_of(event: MapFused) -> BurstSummary:
+    """A map's report, with its errors where there is a truth; made once."""
+    return event.once(summary_of, lambda: summarize(event.map, event.truth))
+
+
+def summarize(result: FusedMap, truth: NDArray[np.float32] | None) -> BurstSummary:
+    """A map's report, with its errors against a truth (βH, βW) of its size, metres."""
+    return BurstSummary(report=result.report, errors=judge(result, truth))
 
 
 def describe(burst: BurstSummary) -> str:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from service.fusion.fuse import FusedBurst
+from service.messages.map import FusedMap
 from service.messages.quality import error_map, judge
 from service.sinks.shading import shade
 
@@ -18,7 +18,7 @@ _VIEWS = ((0.4, 0.15), (-0.4, 0.15))
 """Yaw and pitch of the two viewpoints, radians: far enough round to see relief, not to hide half of it."""
 
 
-def write_preview(path: Path, result: FusedBurst, truth: NDArray[np.float32] | None = None) -> None:
+def write_preview(path: Path, result: FusedMap, truth: NDArray[np.float32] | None = None) -> None:
     """Draw a burst and save it as PNG, whole or not at all.
 
     Panels: distance and amplitude of the reference frame, fused depth, the surface from two sides, and the
@@ -33,7 +33,7 @@ def write_preview(path: Path, result: FusedBurst, truth: NDArray[np.float32] | N
         partial.unlink(missing_ok=True)
 
 
-def draw(result: FusedBurst, truth: NDArray[np.float32] | None) -> "Figure":
+def draw(result: FusedMap, truth: NDArray[np.float32] | None) -> "Figure":
     """The picture as a figure."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -79,7 +79,7 @@ def draw(result: FusedBurst, truth: NDArray[np.float32] | None) -> "Figure":
     return figure
 
 
-def _judged(axes: "Axes", result: FusedBurst, truth: NDArray[np.float32] | None) -> None:
+def _judged(axes: "Axes", result: FusedMap, truth: NDArray[np.float32] | None) -> None:
     error = error_map(result, truth)
     if error is None:
         spread = result.deviation * 1000
@@ -131,7 +131,7 @@ def _range(image: NDArray[np.floating]) -> tuple[float, float]:
     return float(low), float(max(high, low + 1e-3))
 
 
-def _title(result: FusedBurst, truth: NDArray[np.float32] | None) -> str:
+def _title(result: FusedMap, truth: NDArray[np.float32] | None) -> str:
     report = result.report
     said = [f"burst {report.burst}", f"{len(report.used)} of {report.frames} frames", report.method]
     if report.regularization is not None:

@@ -1,56 +1,103 @@
-"""Draws the picture of each burst in a thread of its own: nothing else has to wait a second for it."""
+"""A picture of each map, drawn in a process of low priority: nothing else has to wait for it."""
 
-import logging
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from threading import Thread
 
 import numpy as np
 from numpy.typing import NDArray
 
-from service.fusion.fuse import FusedBurst
-from service.sinks.drawing import write_preview
-from service.sinks.queue import Outbox
+from service.errors import OutputError
+from service.messages.events import Event, MapFused
+from service.messages.map import FusedMap
+from service.processes.worker import Worker
+from service.sinks.sink import Room, Sink
 
-_WAITING = 2
-"""Maps of 7 MB each that may wait; live, the oldest is not drawn."""
+_NICENESS = 15
+_TIMEOUT = 60.0
+"""Seconds for one picture; it takes a fraction of one, the first of a process some seconds."""
 
-_log = logging.getLogger(__name__)
+_PENDING = 2
 
 
-class Previews:
-    """A directory of pictures `burst-0007.png`.
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """What is to be drawn, and where the picture goes."""
+
+    map: FusedMap
+    truth: NDArray[np.float32] | None
+    path: Path
+
+
+class Pictures(Sink):
+    """A directory of pictures `burst-0007.png`, none of which overwrites another.
 
     Args:
         directory: made if need be.
-        truth: true distance (βH, βW) of the reference view, or None.
-        lossless: `draw` waits while too many maps wait.
+        keep: pictures kept; the oldest of this run goes. None = all.
     """
 
-    def __init__(self, directory: Path, truth: NDArray[np.float32] | None, *, lossless: bool = False) -> None:
-        self._directory, self._truth = directory, truth
-        self.written: list[Path] = []
-        self.failed: list[str] = []
-        self._outbox: Outbox[FusedBurst] = Outbox(_WAITING, 1 << 40, lossless=lossless)
-        self._thread = Thread(target=self._run, name="previews", daemon=True)
-        directory.mkdir(parents=True, exist_ok=True)
-        self._thread.start()
+    wants = (MapFused,)
+    droppable = (MapFused,)
+    room = Room(_PENDING, 1 << 40)
+    """Maps of 7 MB each; live, the newest are drawn."""
 
-    def draw(self, result: FusedBurst) -> None:
-        """Queue a map; never waits unless lossless."""
-        self._outbox.put(result, 0)
+    def __init__(self, directory: Path, *, keep: int | None = None) -> None:
+        super().__init__()
+        self._directory, self._keep = directory, keep
+        self._written: deque[Path] = deque()
+        self._worker = Worker(
+            "process that draws",
+            "service.sinks.pictures:drawing",
+            niceness=_NICENESS,
+            cancelled=self.abandoned.is_set,
+        )
+
+    def open(self) -> None:
+        try:
+            self._directory.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(
+                f"{self._directory}: cannot be made ({error.strerror}); name another"
+            ) from error
+        self._worker.start()
+
+    def take(self, event: Event) -> None:
+        assert isinstance(event, MapFused)
+        path = self._free_name(event.map.report.burst)
+        fault = self._worker.ask(Drawing(event.map, event.truth, path), _TIMEOUT)
+        if fault is not None:
+            raise OutputError(f"{path}: the picture could not be drawn: {fault}")
+        self._written.append(path)
+        if self._keep is not None and len(self._written) > self._keep:
+            self._written.popleft().unlink(missing_ok=True)
 
     def close(self) -> None:
-        """Draw what still waits and end."""
-        self._outbox.close()
-        self._thread.join()
+        self._worker.kill()
 
-    def _run(self) -> None:
-        while (result := self._outbox.get()) is not None:
-            path = self._directory / f"burst-{result.report.burst:04d}.png"
-            try:
-                write_preview(path, result, self._truth)
-            except Exception as error:  # a picture is not worth the run; what was lost is told at the end
-                _log.error("%s: the preview could not be drawn: %s", path, error)
-                self.failed.append(str(path))
-            else:
-                self.written.append(path)
+    @property
+    def files(self) -> tuple[str, ...]:
+        return tuple(str(path) for path in self._written)
+
+    def _free_name(self, number: int) -> Path:
+        stem, count = f"burst-{number:04d}", 1
+        path = self._directory / f"{stem}.png"
+        while path.exists():
+            count += 1
+            path = self._directory / f"{stem}-{count}.png"
+        return path
+
+
+def drawing() -> Callable[[Drawing], str | None]:
+    """What draws each request; it answers what went wrong, or None."""
+    from service.sinks.drawing import write_preview
+
+    def draw(request: Drawing) -> str | None:
+        try:
+            write_preview(request.path, request.map, request.truth)
+        except Exception as error:  # the process lives on and draws the next
+            return f"{type(error).__name__}: {error}"
+        return None
+
+    return draw

@@ -1,4 +1,4 @@
-"""A queue between those who must not wait and the thread that may: bounded by count and by bytes."""
+"""The queue before a sink: bounded by count and by bytes."""
 
 from collections import deque
 from collections.abc import Callable
@@ -8,18 +8,16 @@ from typing import Generic, TypeVar
 T = TypeVar("T")
 
 
-class Outbox(Generic[T]):
+class BoundedQueue(Generic[T]):
     """Items on their way to one consumer thread.
 
-    When it is full, the oldest item that may go goes, and the caller hears of it; a lossless one makes the
-    producer wait instead. It holds at most `items` items and `size` bytes, but always takes one.
+    It holds at most `items` items and `size` bytes, but always takes one.
 
     Args:
         items: most items.
         size: most bytes.
-        lossless: wait for room instead of dropping.
-        dropped: called with each item that goes.
-        droppable: which items go first; where none of those is left, the oldest goes.
+        dropped: called with each item that goes because there is no room, or that comes after `close`.
+        droppable: which items go first, oldest first; where none of them is left, the oldest of all goes.
     """
 
     def __init__(
@@ -27,30 +25,35 @@ class Outbox(Generic[T]):
         items: int,
         size: int,
         *,
-        lossless: bool = False,
         dropped: Callable[[T], None] = lambda _: None,
         droppable: Callable[[T], bool] = lambda _: True,
     ) -> None:
-        self._items, self._size, self._lossless = items, size, lossless
+        self._items, self._size = items, size
         self._dropped, self._droppable = dropped, droppable
         self._queue: deque[tuple[T, int]] = deque()
         self._bytes = 0
-        self._busy = False
-        self._closed = False
+        self._busy = self._closed = False
         self._changed = Condition()
 
     def put(self, item: T, size: int) -> None:
-        """Hand over an item of `size` bytes; one that comes after `close` is dropped."""
+        """Hand over an item of `size` bytes, in place of older ones where there is no room."""
         with self._changed:
-            if self._lossless:
-                self._changed.wait_for(lambda: self._closed or self._fits(size))
             lost = [item] if self._closed else self._make_room(size)
             if not self._closed:
-                self._queue.append((item, size))
-                self._bytes += size
-                self._changed.notify_all()
+                self._append(item, size)
         for gone in lost:
             self._dropped(gone)
+
+    def put_patiently(self, item: T, size: int, timeout: float) -> bool:
+        """Hand over an item once there is room; False, and not taken, where there is none in `timeout` s."""
+        with self._changed:
+            if not self._changed.wait_for(lambda: self._closed or self._fits(size), timeout):
+                return False
+            if not self._closed:
+                self._append(item, size)
+                return True
+        self._dropped(item)
+        return True
 
     def get(self) -> T | None:
         """The next item, waiting for one; None once it is closed and empty. Ends the work on the last one."""
@@ -89,6 +92,11 @@ class Outbox(Generic[T]):
 
     def __len__(self) -> int:
         return len(self._queue)
+
+    def _append(self, item: T, size: int) -> None:
+        self._queue.append((item, size))
+        self._bytes += size
+        self._changed.notify_all()
 
     def _fits(self, size: int) -> bool:
         full = len(self._queue) >= self._items or self._bytes + size > self._size

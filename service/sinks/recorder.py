@@ -1,212 +1,112 @@
-"""Recording what is published, byte for byte, without ever holding up who publishes it."""
+"""Recording what is published, byte for byte."""
 
-import logging
 import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from threading import RLock, Thread
 from typing import Protocol
 
-from pydantic import BaseModel, ConfigDict, Field
-
-from drivers.errors import StorageError
-from drivers.messages import CAMERA_CALIBRATION, Message
-from service.errors import ServiceError
+from service.messages.encoding import event_messages
+from service.messages.events import BurstCaptured, DevicesOpened, Event, FrameCaptured, MapFused
+from service.messages.head import Head
+from service.messages.status import RecorderState
 from service.messages.topics import TOPICS
-from service.sinks.queue import Outbox
-from service.sinks.recording_file import Head, RecordingFile, Unit
-
-_QUEUE_UNITS = 4096
-_QUEUE_BYTES = 128 << 20
-"""Twenty seconds of a camera at 50 frames/s: more than a disk that is busy with something else takes."""
+from service.sinks.recording_file import RecordingFile, Unit
+from service.sinks.sink import Room, Sink
 
 _OVERDUE = 1.1
 """A file is ended between two bursts, and in the middle of one only when it is a tenth over its limit."""
-
-_log = logging.getLogger(__name__)
 
 
 class Destination(Protocol):
     """Where files go and when the next one is due."""
 
+    def prepare(self) -> None: ...
     def next_path(self) -> Path: ...
     def is_full(self, size: float, age: float) -> bool: ...
-    def keep(self, path: Path) -> None: ...
 
 
-class RecorderState(BaseModel):
-    """What the recorder is doing."""
+class Recorder(Sink):
+    """Writes the recorded topics of every event; a file begins once it is known what the devices are.
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    recording: bool = Field(description="Whether it records.")
-    file: str | None = Field(description="The file being written, or the last one.")
-    kept: bool = Field(description="Whether that file is marked to keep.")
-    size: int = Field(ge=0, description="Bytes in it.")
-    messages: int = Field(ge=0, description="Messages written since the service started.")
-    dropped: int = Field(ge=0, description="Messages lost because the disk was too slow or full.")
-    free: int | None = Field(description="Bytes free on the disk; none while nothing was recorded.")
-    error: str | None = Field(description="Why it stopped by itself; none = it did not.")
-
-
-class Recorder:
-    """Takes messages at any time; one thread of its own writes them while it is started.
-
-    The queue is bounded by count and by bytes and loses its oldest unit when it is full; every loss is
-    counted. When the disk fails, recording ends with what was written kept, `state.error` says why, and the
-    rest of the service goes on.
+    What belongs together (the messages of one event) is written, or lost, as one. A full or vanished disk
+    ends the file; what was written is kept, and the next recorder begins another.
 
     Args:
-        destination: a `Shelf` or a `SingleFile`.
-        head: asked for at the beginning of every file.
-        lossless: `record` waits for the disk instead of dropping.
+        destination: a `RecordingDirectory` or a `FileSeries`.
+        maps: whether fused maps are written, beside frames and all else.
         now: nanoseconds since the epoch, when a message was received.
     """
 
+    room = Room(4096, 128 << 20)
+    """Twenty seconds of a camera at 50 frames/s: more than a disk that is busy with something else takes."""
+    droppable = (MapFused, FrameCaptured)
+
     def __init__(
-        self,
-        destination: Destination,
-        head: Callable[[], Head] = Head,
-        *,
-        lossless: bool = False,
-        now: Callable[[], int] = time.time_ns,
+        self, destination: Destination, *, maps: bool = True, now: Callable[[], int] = time.time_ns
     ) -> None:
-        self._destination, self._head, self._lossless, self._now = destination, head, lossless, now
-        self._control = RLock()
-        self._outbox: Outbox[Unit] | None = None
-        self._thread: Thread | None = None
+        super().__init__()
+        self._destination, self._maps, self._now = destination, maps, now
+        self._head: Head | None = None
         self._file: RecordingFile | None = None
-        self._kept = self._abandoned = False
-        self._messages = self._dropped = 0
-        self._error: str | None = None
+        self._files: list[Path] = []
+        self._messages = 0
 
-    @property
-    def is_recording(self) -> bool:
-        return self._outbox is not None and self._error is None
+    def open(self) -> None:
+        self._destination.prepare()
 
-    def start(self) -> Path:
-        """Begin a file; returns its path. Starting a started recorder does nothing.
+    def take(self, event: Event) -> None:
+        if isinstance(event, DevicesOpened):
+            self._head = event.head
+        if self._head is None or (isinstance(event, MapFused) and not self._maps):
+            return
+        messages = tuple(m for m in event_messages(event) if TOPICS[m.topic].recorded)
+        if not messages or self.abandoned.is_set():
+            return
+        if self._file is not None and self._is_over(
+            self._file, begins_burst=isinstance(event, BurstCaptured)
+        ):
+            self.close()
+        if self._file is None:
+            self._file = RecordingFile(self._destination.next_path(), self._head, self._now())
+        self._file.write(Unit(messages, self._now()))
+        self._messages += len(messages)
 
-        Raises:
-            OutputError, StorageError: no file can be made there.
-        """
-        with self._control:
-            if self._file is not None and self.is_recording:
-                return self._file.path
-            self.stop()
-            self._error, self._abandoned = None, False
-            file = self._open()
-            self._outbox = Outbox(_QUEUE_UNITS, _QUEUE_BYTES, lossless=self._lossless, dropped=self._lose)
-            self._thread = Thread(target=self._run, args=(self._outbox, file), name="recorder", daemon=True)
-            self._thread.start()
-            return file.path
-
-    def record(self, messages: Sequence[Message]) -> None:
-        """Hand over messages that belong together: they are written, or lost, as one.
-
-        Those that the table does not record are left out; while the recorder is stopped, all are.
-        """
-        outbox = self._outbox
-        unit = Unit(tuple(m for m in messages if TOPICS[m.topic].recorded), self._now())
-        if unit.messages and outbox is not None and self._error is None:
-            outbox.put(unit, unit.size)
-
-    def keep(self) -> Path:
-        """Mark the file being written, or the last one, never to be deleted.
-
-        Raises:
-            ServiceError: nothing was recorded yet.
-        """
-        with self._control:
-            if self._file is None:
-                raise ServiceError("nothing was recorded yet, so nothing can be kept; start recording first")
-            self._destination.keep(self._file.path)
-            self._kept = True
-            return self._file.path
-
-    def stop(self) -> RecorderState:
-        """Write what is waiting and complete the file; the state says whether all went well."""
-        with self._control:
-            if self._outbox is not None and self._thread is not None:
-                self._outbox.close()
-                self._thread.join()
-                self._outbox = self._thread = None
-        return self.state
+    def close(self) -> None:
+        """Complete the file; after a failure what was written before is kept."""
+        file, self._file = self._file, None
+        if file is not None:
+            self._files.append(file.path)
+            file.close()
 
     def discard(self) -> None:
-        """Stop and leave nothing of the file behind; one that is complete stays."""
-        with self._control:
-            if self._outbox is not None:
-                self._abandoned = True
-                self._outbox.clear()
-                self.stop()
+        """Leave nothing of the file behind; those that are complete stay."""
+        file, self._file = self._file, None
+        if file is not None:
+            file.discard()
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        return tuple(str(path) for path in self._files if path.exists())
 
     @property
     def state(self) -> RecorderState:
+        """What it is doing."""
         file = self._file
+        path = file.path if file is not None else self._files[-1] if self._files else None
         return RecorderState(
-            recording=self.is_recording,
-            file=None if file is None else str(file.path),
-            kept=self._kept,
+            recording=file is not None,
+            file=None if path is None else str(path),
             size=0 if file is None else file.size,
             messages=self._messages,
-            dropped=self._dropped,
-            free=None if file is None else _free(file.path.parent),
-            error=self._error,
+            free=None if path is None else _free(path.parent),
         )
 
-    def _run(self, outbox: Outbox[Unit], file: RecordingFile) -> None:
-        try:
-            while (unit := outbox.get()) is not None:
-                if self._error is None:
-                    file = self._write(file, unit)
-                else:
-                    self._lose(unit)
-        finally:
-            self._end(file)
-
-    def _write(self, file: RecordingFile, unit: Unit) -> RecordingFile:
-        """Write a unit; returns the file that the next one goes to."""
-        try:
-            if self._is_over(file, unit):
-                self._end(file)
-                file = self._open()
-            file.write(unit)
-            self._messages += len(unit.messages)
-        except Exception as error:  # the thread must live to count what is lost from now on
-            self._end(file)
-            self._fail(error)
-            self._lose(unit)
-        return file
-
-    def _is_over(self, file: RecordingFile, unit: Unit) -> bool:
+    def _is_over(self, file: RecordingFile, *, begins_burst: bool) -> bool:
         size, age = file.size, file.age
-        begins_burst = any(message.topic == CAMERA_CALIBRATION for message in unit.messages)
         if begins_burst and self._destination.is_full(size, age):
             return True
         return self._destination.is_full(size / _OVERDUE, age / _OVERDUE)
-
-    def _open(self) -> RecordingFile:
-        file = RecordingFile(self._destination.next_path(), self._head(), self._now())
-        self._file, self._kept = file, False
-        return file
-
-    def _end(self, file: RecordingFile) -> None:
-        try:
-            if self._abandoned:
-                file.discard()
-            else:
-                file.close()
-        except (StorageError, OSError) as error:
-            self._fail(error)
-
-    def _fail(self, error: Exception) -> None:
-        self._error = str(error)
-        _log.error("recording stopped: %s", error)
-
-    def _lose(self, unit: Unit) -> None:
-        self._dropped += len(unit.messages)
 
 
 def _free(directory: Path) -> int | None:

@@ -12,9 +12,9 @@ import pytest
 from drivers import Frame, sr3000_calibration
 from drivers.messages import calibration_message, frame_messages
 from service.errors import RemoteError, SessionError
-from service.fusion.fuse import FusedBurst
 from service.messages.decoding import Received, decode
 from service.messages.encoding import fused_messages, points_message
+from service.messages.map import FusedMap
 from service.sinks.publisher import Publisher
 from service.wire.client import Client
 from service.wire.session import open_session
@@ -22,7 +22,7 @@ from service.wire.session import open_session
 WEDGES = Path(__file__).parents[2] / "recordings" / "wedges.mcap"
 
 
-def test_latest_depth_comes_with_its_intrinsics(endpoint: str, fused: Callable[[int], FusedBurst]) -> None:
+def test_latest_depth_comes_with_its_intrinsics(endpoint: str, fused: Callable[[int], FusedMap]) -> None:
     result = fused(2)
     with open_session([endpoint]) as session, Publisher(session) as publisher, Client(endpoint) as client:
         publisher.publish(fused_messages(fused(1)))
@@ -43,7 +43,7 @@ def test_latest_depth_comes_with_its_intrinsics(endpoint: str, fused: Callable[[
         np.testing.assert_allclose(points["z"], result.depth[np.isfinite(result.depth)], rtol=1e-6)
 
 
-def test_a_client_may_be_there_before_the_service(endpoint: str, fused: Callable[[int], FusedBurst]) -> None:
+def test_a_client_may_be_there_before_the_service(endpoint: str, fused: Callable[[int], FusedMap]) -> None:
     with ExitStack() as stack:
         client = stack.enter_context(Client(endpoint))
         reports = stack.enter_context(client.subscribe("fused/report"))
@@ -53,7 +53,7 @@ def test_a_client_may_be_there_before_the_service(endpoint: str, fused: Callable
 
 
 def test_subscribers_get_the_latest_first_and_then_what_comes(
-    endpoint: str, fused: Callable[[int], FusedBurst]
+    endpoint: str, fused: Callable[[int], FusedMap]
 ) -> None:
     with open_session([endpoint]) as session, Publisher(session) as publisher, Client(endpoint) as client:
         publisher.publish(fused_messages(fused(1)))
@@ -68,7 +68,7 @@ def test_subscribers_get_the_latest_first_and_then_what_comes(
 
 
 def test_a_handler_is_called_with_each_message_and_one_that_fails_is_called_again(
-    endpoint: str, fused: Callable[[int], FusedBurst], caplog: pytest.LogCaptureFixture
+    endpoint: str, fused: Callable[[int], FusedMap], caplog: pytest.LogCaptureFixture
 ) -> None:
     bursts: list[int] = []
 
@@ -93,7 +93,7 @@ def test_a_handler_is_called_with_each_message_and_one_that_fails_is_called_agai
     assert "the handler of fused/report failed" in caplog.text
 
 
-def test_a_slow_reader_of_images_gets_the_newest(endpoint: str, fused: Callable[[int], FusedBurst]) -> None:
+def test_a_slow_reader_of_images_gets_the_newest(endpoint: str, fused: Callable[[int], FusedMap]) -> None:
     with open_session([endpoint]) as session, Publisher(session) as publisher, Client(endpoint) as client:
         publisher.publish(fused_messages(fused(1)))
         assert publisher.drain()

@@ -7,8 +7,8 @@ import pytest
 import zenoh
 
 from service.errors import RemoteError
-from service.fusion.fuse import FusedBurst
 from service.messages.encoding import fused_messages
+from service.messages.map import FusedMap
 from service.sinks.publisher import Publisher
 from service.wire.client import Client
 from service.wire.session import open_session
@@ -25,7 +25,7 @@ def with_endpoint(name: str, old: str, new: str, directory: Path) -> Path:
 
 
 def test_a_client_of_the_router_sees_the_rig_under_its_namespace_but_cannot_control_it(
-    tmp_path: Path, free_endpoint: Callable[[], str], fused: Callable[[int], FusedBurst]
+    tmp_path: Path, free_endpoint: Callable[[], str], fused: Callable[[int], FusedMap]
 ) -> None:
     router_at, rig_at = free_endpoint(), free_endpoint()
     router_file = with_endpoint("zenoh-router.json5", "tcp/0.0.0.0:7447", router_at, tmp_path)

@@ -9,15 +9,16 @@ import pytest
 
 from drivers import sr3000_calibration
 from service.config.sections import FusionSection
-from service.fusion.fuse import FusedBurst, fuse_burst
+from service.fusion.fuse import fuse_burst
 from service.messages.burst import Burst
+from service.messages.map import FusedMap
 from service.messages.quality import error_map, judge
 from service.sinks.drawing import draw, write_preview
 from service.sinks.shading import shade
 
 
 @pytest.fixture(scope="module")
-def step() -> FusedBurst:
+def step() -> FusedMap:
     """A step in distance, 2 m to 2.5 m, with a hole that nothing was seen in."""
     from scripted import frame
 
@@ -36,7 +37,7 @@ def step() -> FusedBurst:
 TRUTH = np.where(np.arange(88) < 44, 2.0, 2.5).astype(np.float32) * np.ones((72, 1), np.float32)
 
 
-def test_the_picture_has_six_panels_with_units(step: FusedBurst) -> None:
+def test_the_picture_has_six_panels_with_units(step: FusedMap) -> None:
     figure = draw(step, TRUTH)
     labels = {axes.get_ylabel() for axes in figure.axes}
     assert {"distance, m", "amplitude, counts", "depth, m", "fused − true distance, mm"} <= labels
@@ -45,14 +46,14 @@ def test_the_picture_has_six_panels_with_units(step: FusedBurst) -> None:
     assert "RMS error" in figure.get_suptitle()
 
 
-def test_without_a_truth_it_shows_the_deviation(step: FusedBurst) -> None:
+def test_without_a_truth_it_shows_the_deviation(step: FusedMap) -> None:
     for missing in (None, np.zeros((5, 5), np.float32)):
         figure = draw(step, missing)
         assert "standard deviation, mm" in {axes.get_ylabel() for axes in figure.axes}
         assert "median deviation" in figure.get_suptitle()
 
 
-def test_it_is_written_whole_or_not_at_all(step: FusedBurst, tmp_path: Path) -> None:
+def test_it_is_written_whole_or_not_at_all(step: FusedMap, tmp_path: Path) -> None:
     write_preview(tmp_path / "a.png", step)
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
     assert cv2.imread(str(tmp_path / "a.png")).shape[:2] == (860, 1600)
@@ -60,12 +61,12 @@ def test_it_is_written_whole_or_not_at_all(step: FusedBurst, tmp_path: Path) -> 
         write_preview(tmp_path / "nowhere" / "a.png", step)
 
 
-def test_a_map_of_nothing_can_be_drawn_too(step: FusedBurst) -> None:
+def test_a_map_of_nothing_can_be_drawn_too(step: FusedMap) -> None:
     nothing = np.full_like(step.distance, np.nan)
     draw(replace(step, distance=nothing, depth=nothing, deviation=nothing), None)
 
 
-def test_errors_are_those_of_the_pixels_that_all_know(step: FusedBurst) -> None:
+def test_errors_are_those_of_the_pixels_that_all_know(step: FusedMap) -> None:
     error = error_map(step, TRUTH)
     assert error is not None
     assert np.nanmax(np.abs(error)) < 2e-4

@@ -7,8 +7,8 @@ import pytest
 from typer.testing import CliRunner
 
 from service.cli import app
-from service.fusion.fuse import FusedBurst
 from service.messages.encoding import fused_messages, points_message, status_message
+from service.messages.map import FusedMap
 from service.messages.status import Drops, Rates, Status, Totals
 from service.sinks.publisher import Publisher
 from service.sinks.recorder import RecorderState
@@ -42,7 +42,7 @@ STATUS = Status(
 
 
 @pytest.fixture
-def service(endpoint: str, fused: Callable[[int], FusedBurst]) -> Iterator[str]:
+def service(endpoint: str, fused: Callable[[int], FusedMap]) -> Iterator[str]:
     """A service that has published one map and its status."""
     with open_session([endpoint]) as session, Publisher(session) as publisher:
         result = fused(6)
@@ -73,7 +73,7 @@ def test_status_says_what_matters(service: str) -> None:
 
 
 def test_get_shows_and_saves_every_kind(
-    service: str, tmp_path: Path, fused: Callable[[int], FusedBurst]
+    service: str, tmp_path: Path, fused: Callable[[int], FusedMap]
 ) -> None:
     result = fused(6)
     code, out, _ = run("get", "fused/depth", "--endpoint", service)

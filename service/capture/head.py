@@ -1,7 +1,5 @@
 """What every recording of a running service begins with."""
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,14 +7,14 @@ from drivers.recording import attachments
 from service.capture.played import pack_truth
 from service.capture.rig import Rig
 from service.config.sections import Configuration
-from service.sinks.recording_file import Head
+from service.messages.head import Head
 from service.versions import software_version
 
 
-def head_of(configuration: Configuration, rig: Rig, truth: NDArray[np.float32] | None) -> Callable[[], Head]:
+def head_of(configuration: Configuration, rig: Rig, truth: NDArray[np.float32] | None) -> Head:
     """Metadata, calibration, configuration as used and, where there is one, the truth (βH, βW).
 
-    Taken down now, while the rig is open: a file may be begun while its camera is lost.
+    The rig must be open; a file may be begun later, while its camera is lost.
     """
     import tomli_w
 
@@ -35,5 +33,4 @@ def head_of(configuration: Configuration, rig: Rig, truth: NDArray[np.float32] |
     ]
     if truth is not None:
         attached.append((attachments.TRUTH, pack_truth(truth), "application/octet-stream"))
-    head = Head(metadata, tuple(attached))
-    return lambda: head
+    return Head(metadata, tuple(attached))

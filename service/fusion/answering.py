@@ -1,0 +1,94 @@
+"""What runs inside the fusion's process: jobs in, maps out."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.calibration import Calibration, Intrinsics
+from drivers.frame import Frame
+from service.config.sections import FusionSection
+from service.fusion.fuse import fuse_burst
+from service.fusion.job import BurstJob, FrameJob, Job
+from service.fusion.streams import Stream
+from service.messages.burst import Burst
+from service.messages.map import FusedMap
+from solver.errors import FusionError
+
+
+@dataclass(frozen=True, slots=True)
+class WarmUp:
+    """Have the kernels ready that these settings need."""
+
+    settings: FusionSection
+
+
+@dataclass(frozen=True, slots=True)
+class Ready:
+    """They are, after so many seconds."""
+
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A job that could not be done, and why."""
+
+    reason: str
+
+
+Answer = FusedMap | Ready | Failure
+
+
+def answering() -> Callable[[Job | WarmUp], Answer]:
+    """What answers each request in turn; it remembers the stream at work."""
+    streams: dict[int, Stream] = {}
+
+    def answer(request: Job | WarmUp) -> Answer:
+        try:
+            if isinstance(request, WarmUp):
+                return _warm_up(request.settings)
+            if isinstance(request, BurstJob):
+                return fuse_burst(request.burst, request.settings)
+            return _stream(streams, request).push(request)
+        except FusionError as error:
+            return Failure(str(error))
+        except Exception as error:  # whatever it is, the daemon has to know and to go on
+            return Failure(f"internal error, {type(error).__name__}: {error}")
+
+    return answer
+
+
+def _stream(streams: dict[int, Stream], job: FrameJob) -> Stream:
+    if job.stream not in streams:
+        streams.clear()  # there is one at a time
+        streams[job.stream] = Stream(job)
+    return streams[job.stream]
+
+
+def _warm_up(settings: FusionSection) -> Ready:
+    """Compile the kernels of the configured method on a small scene: a step, seen by three frames."""
+    began = time.perf_counter()
+    height, width = 48, 64
+    intrinsics = Intrinsics(fx=60.0, fy=60.0, cx=(width - 1) / 2, cy=(height - 1) / 2)
+    rows, columns = np.mgrid[:height, :width]
+    relief = 20_000 + 2_000 * (columns > width // 2) + 500 * np.sin(rows / 5) * np.sin(columns / 7)
+    light = 2_000 + 800 * np.sin(rows / 3) * np.sin(columns / 4)
+    frames = tuple(
+        Frame(
+            counts=relief.astype(np.uint16),
+            amplitude=light.astype(np.uint16),
+            timestamp=0,
+            sequence=k,
+            pan=0.0,
+            tilt=0.0,
+            integration_time=0.03,
+            modulation_frequency=20e6,
+            ambiguity_range=7.5,
+        )
+        for k in range(3)
+    )
+    calibration = Calibration(width=width, height=height, intrinsics=intrinsics)
+    fuse_burst(Burst(0, frames, calibration, len(frames)), settings)
+    return Ready(time.perf_counter() - began)

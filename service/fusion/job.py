@@ -1,0 +1,53 @@
+"""What is given to an executor: frames, and how to fuse them."""
+
+import time
+from dataclasses import dataclass, field
+
+from drivers.calibration import Calibration
+from drivers.frame import Frame
+from service.config.sections import FusionSection
+from service.messages.burst import Burst
+
+
+@dataclass(frozen=True, slots=True)
+class BurstJob:
+    """Fuse a burst."""
+
+    burst: Burst
+    settings: FusionSection
+
+    @property
+    def number(self) -> int:
+        """Of the burst."""
+        return self.burst.id
+
+    @property
+    def completed(self) -> float:
+        """When the last frame had come, `time.monotonic()`."""
+        return self.burst.completed
+
+
+@dataclass(frozen=True, slots=True)
+class FrameJob:
+    """Push a frame into a stream's window and fuse that.
+
+    Attributes:
+        frame: the newest.
+        calibration: of the camera.
+        settings: how to fuse; the same for the whole stream.
+        window: frames that are fused together.
+        stream: which stream; another number begins one anew.
+        number: of the frame in its stream, from 0.
+        completed: when it had come, `time.monotonic()`.
+    """
+
+    frame: Frame
+    calibration: Calibration
+    settings: FusionSection
+    window: int
+    stream: int
+    number: int
+    completed: float = field(default_factory=time.monotonic, compare=False)
+
+
+Job = BurstJob | FrameJob
