@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 from service.capture.loop import Capture, CarriedBursts, ScanBursts
 from service.capture.rig import Rig
 from service.capture.stream import CarriedFrames, SweptFrames
+from service.config.sections import Configuration
 from service.fusion.job import BurstJob, FrameJob
 from service.messages.burst import check_frame
 from service.messages.events import BurstCaptured
@@ -75,7 +76,7 @@ class Scanning:
         if daemon.carries_pose:
             self._source: CarriedBursts | ScanBursts = CarriedBursts(daemon.grabber, settings.fusion.frames)
         else:
-            plan = planned(daemon, settings.fusion.frames)
+            plan = planned(settings, daemon.rig, settings.fusion.frames)
             self._source = ScanBursts(daemon.grabber, plan, settings.stage.settle, settings.stage.timeout)
 
     def run(self, ending: Ending) -> None:
@@ -102,7 +103,7 @@ class Streaming:
         if daemon.carries_pose:
             self._source: CarriedFrames | SweptFrames = CarriedFrames(daemon.grabber)
         else:
-            plan = planned(daemon, settings.stream.window)
+            plan = planned(settings, daemon.rig, settings.stream.window)
             poses = ScanBursts(daemon.grabber, plan, settings.stage.settle, settings.stage.timeout)
             self._source = SweptFrames(poses, plan)
 
@@ -119,13 +120,12 @@ class Streaming:
                 return
 
 
-def planned(daemon: Daemon, poses: int) -> Plan:
+def planned(settings: Configuration, rig: Rig, poses: int) -> Plan:
     """The configured plan for the stage at hand; what to expect of it is logged.
 
     Raises:
         PlanError: a pose out of reach.
     """
-    settings, rig = daemon.configuration, daemon.rig
     limits = rig.stage.limits
     only_pan = limits.tilt[0] == limits.tilt[1]
     plan = make_plan(

@@ -160,7 +160,7 @@ def test_frames_that_stay_too_old_are_an_error_with_a_reason() -> None:
 
     scene.camera._grab = late  # type: ignore[method-assign]
     with pytest.raises(OperationError, match="check the camera's timestamps"):
-        scene.capture._bursts.take(0)
+        scene.capture._source.take(0)
 
 
 def test_stopping_ends_in_the_middle_of_a_burst() -> None:

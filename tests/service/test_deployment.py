@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 import zenoh
+from publishing import publishing
 
 from service.errors import RemoteError
 from service.messages.encoding import fused_messages
 from service.messages.map import FusedMap
-from service.sinks.publisher import Publisher
 from service.wire.client import Client
 from service.wire.session import open_session
 
@@ -40,7 +40,7 @@ def test_a_client_of_the_router_sees_the_rig_under_its_namespace_but_cannot_cont
     with (
         open_session(file=router_file),
         open_session([rig_at], file=rig_file) as session,
-        Publisher(session) as publisher,
+        publishing(session) as publisher,
         session.declare_queryable(publisher.key("cmd/scan"), answer),
         Client(router_at, prefix="bench/lidarboost/rig") as distant,
         Client(rig_at, prefix="bench/lidarboost/rig") as near,

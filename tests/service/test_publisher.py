@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 import zenoh
+from publishing import publishing
 
 from drivers.messages import Message, Schema
 from service.errors import SessionError
@@ -24,7 +25,6 @@ from service.messages import encoding
 from service.messages.encoding import fused_messages
 from service.messages.events import MapFused
 from service.messages.map import FusedMap
-from service.sinks.publisher import Publisher
 from service.wire.addresses import DEFAULT_PREFIX
 from service.wire.session import open_session
 
@@ -49,17 +49,6 @@ def listening(*arguments: str) -> Iterator["subprocess.Popen[str]"]:
             yield process
         finally:
             process.kill()
-
-
-@contextmanager
-def publishing(session: zenoh.Session, *, lossless: bool = False) -> Iterator[Publisher]:
-    """A publisher, open."""
-    publisher = Publisher(session, lossless=lossless)
-    publisher.open()
-    try:
-        yield publisher
-    finally:
-        publisher.close()
 
 
 def wait_until(condition: Callable[[], bool], seconds: float = 20) -> None:

@@ -4,20 +4,31 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from publishing import publishing
 from typer.testing import CliRunner
 
 from service.cli import app
-from service.messages.encoding import fused_messages, points_message, status_message
+from service.messages.events import MapFused, StatusTold
 from service.messages.map import FusedMap
-from service.messages.status import Drops, Rates, Status, Totals
-from service.sinks.publisher import Publisher
-from service.sinks.recorder import RecorderState
+from service.messages.status import (
+    Degraded,
+    Drops,
+    FusionState,
+    Rates,
+    RecorderState,
+    SinkState,
+    Status,
+    Totals,
+)
 from service.wire.session import open_session
 
 STATUS = Status(
     timestamp=1_700_000_000_000_000_000,
     version="0.1.0",
     state="scanning",
+    reason="bursts by the plan",
+    seconds=7.0,
+    degraded=(Degraded(what="recorder: the disk is full", remedy="make room", seconds=5.0),),
     source="simulation",
     model="simulated SR3000",
     serial=None,
@@ -25,17 +36,26 @@ STATUS = Status(
     totals=Totals(frames=45, bursts=3, fused=2),
     rates=Rates(frames=7.5, fused=0.5),
     drops=Drops(camera=4, recorded=2),
-    backlog=1,
+    fusion=FusionState(backlog=1, restarts=0, hung=0, error=None),
     latency=0.42,
     recorder=RecorderState(
         recording=True,
         file="a.mcap",
-        kept=True,
         size=3_000_000,
         messages=9,
-        dropped=2,
         free=5_000_000_000,
-        error=None,
+    ),
+    sinks=(
+        SinkState(
+            name="recorder",
+            state="restarting",
+            waiting=1,
+            taken=9,
+            dropped=2,
+            faults=1,
+            abandoned=0,
+            error="the disk is full",
+        ),
     ),
     error=None,
 )
@@ -44,10 +64,10 @@ STATUS = Status(
 @pytest.fixture
 def service(endpoint: str, fused: Callable[[int], FusedMap]) -> Iterator[str]:
     """A service that has published one map and its status."""
-    with open_session([endpoint]) as session, Publisher(session) as publisher:
+    with open_session([endpoint]) as session, publishing(session) as publisher:
         result = fused(6)
-        publisher.publish([*fused_messages(result), status_message(STATUS, STATUS.timestamp)])
-        publisher.publish_lazily("fused/points", lambda: points_message(result))
+        publisher.take(MapFused(result, None))
+        publisher.take(StatusTold(STATUS))
         assert publisher.drain()
         yield endpoint
 
@@ -61,12 +81,14 @@ def test_status_says_what_matters(service: str) -> None:
     code, out, _ = run("status", "--endpoint", service)
     assert code == 0
     for expected in (
-        "scanning for 12 s",
+        "scanning for 7 s: bursts by the plan",
+        "up 12 s",
+        "recorder: the disk is full, for 5 s; make room",
         "simulation: simulated SR3000",
         "45, 7.5 per second",
         "2 of 3 bursts, 0.50 per second, 0.42 s after the last frame, 1 waiting",
         "4 camera, 2 recorded",
-        "on: a.mcap, 3.0 MB, kept, 5.0 GB free",
+        "on: a.mcap, 3.0 MB, 5.0 GB free",
     ):
         assert expected in out
     assert Status.model_validate_json(run("status", "--endpoint", service, "--json")[1]) == STATUS
