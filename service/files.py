@@ -1,4 +1,4 @@
-"""Directories for results."""
+"""Files and directories for results: whole, or not there."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -26,3 +26,20 @@ def made_directory(path: Path) -> Iterator[Path]:
             with suppress(OSError):
                 path.rmdir()
         raise
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Where to write a file that shall be whole or not at all: it gets its name once all went well.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    partial = path.with_name(path.name + ".partial")
+    try:
+        yield partial
+        partial.replace(path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
+    finally:
+        partial.unlink(missing_ok=True)

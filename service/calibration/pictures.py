@@ -35,12 +35,8 @@ def save_picture(path: Path, fit: Fit, shape: tuple[int, int]) -> None:
         _draw_noise(figure, fit)
     else:
         _draw_mount(figure, fit)
-    partial = path.with_name(path.name + ".partial")
-    try:
+    with whole_file(path) as partial:
         figure.savefig(partial, format="png", dpi=100)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _draw_intrinsics(figure: Figure, fit: IntrinsicsFit, shape: tuple[int, int]) -> None:

@@ -1,7 +1,6 @@
 """Frames and fused maps of recordings as NumPy arrays and point clouds."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,6 @@ from numpy.typing import NDArray
 from drivers.errors import RecordingError
 from drivers.messages import decode_calibration, decode_image
 from drivers.recording import Recording, open_recording
-from service.errors import OutputError
 from service.jobs.ply import write_ply
 from service.messages.topics import FUSED_AMPLITUDE, FUSED_CALIBRATION, FUSED_DEPTH, FUSED_DEVIATION
 from solver.geometry import distance_from_depth, points_from_distance
@@ -88,7 +86,7 @@ def export_arrays(recording: Recording, path: Path) -> str:
         arrays[f"fused_{name}"] = stacked[0] if name in ("intrinsics", "distortion") else np.stack(stacked)
     if not arrays:
         raise RecordingError(f"{recording.path}: holds neither frames nor fused maps; nothing to export")
-    with _whole(path) as partial, partial.open("wb") as stream:
+    with whole_file(path) as partial, partial.open("wb") as stream:
         np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
     return f"{recording.frame_count} frames, {len(maps)} fused maps"
 
@@ -117,7 +115,7 @@ def clouds(recording: Recording) -> Iterator[NDArray[Any]]:
 
 def export_cloud(points: NDArray[Any], path: Path) -> str:
     """Write points as PLY; returns what was written, in words. Raises `OutputError`."""
-    with _whole(path) as partial:
+    with whole_file(path) as partial:
         write_ply(partial, points)
     return f"{len(points)} points"
 
@@ -147,16 +145,3 @@ def _lens(recording: Recording) -> Arrays:
     except RecordingError:  # arrays are of use without it
         return {}
     return {"intrinsics": known.intrinsics.matrix, "distortion": np.array(known.distortion)}
-
-
-@contextmanager
-def _whole(path: Path) -> Iterator[Path]:
-    """Where to write a file that shall be there whole or not at all."""
-    partial = path.with_name(path.name + ".partial")
-    try:
-        yield partial
-        partial.replace(path)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
-    finally:
-        partial.unlink(missing_ok=True)

@@ -9,10 +9,8 @@ import numpy as np
 from google.protobuf.json_format import MessageToDict
 from numpy.typing import NDArray
 
-from service.errors import ConfigurationError, OutputError
+from service.errors import ConfigurationError
 from service.messages.decoding import Received
-
-_PLY_TYPE = "float"
 
 
 def summarize(received: Received) -> str:
@@ -67,14 +65,8 @@ def save(received: Received, path: Path) -> None:
         OutputError: it cannot be written.
     """
     write = writer_for(path)
-    partial = path.with_name(path.name + ".partial")
-    try:
+    with whole_file(path) as partial:
         write(received, partial)
-        partial.replace(path)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def writer_for(path: Path) -> Callable[[Received, Path], None]:
@@ -112,11 +104,7 @@ def _ply(received: Received, path: Path) -> None:
     points = _array(received, ".ply")
     if points.dtype.names is None:
         raise ConfigurationError(f"{received.topic} holds no points: .ply needs fused/points; use .npy")
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
-    header += [f"property {_PLY_TYPE} {name}" for name in points.dtype.names]
-    with path.open("wb") as stream:
-        stream.write("\n".join([*header, "end_header", ""]).encode("ascii"))
-        stream.write(np.column_stack([points[name] for name in points.dtype.names]).astype("<f4").tobytes())
+    write_ply(path, points)
 
 
 def _json(received: Received, path: Path) -> None:

@@ -15,6 +15,8 @@ from service.processes.channel import Channel
 _NICENESS = 5
 """The capture goes first: a late map is late, a late frame is lost."""
 
+_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+
 _START = (
     "import sys; sys.path[:] = {path!r}; "
     "from service.processes.worker import serve; serve({fd}, {work!r}, {nice})"
@@ -28,6 +30,7 @@ class Worker:
         name: how it is called in messages.
         work: `module:function`; called once with nothing, it returns what answers each request.
         niceness: added to the priority's number.
+        threads: that libraries of linear algebra may use; None = as many as they like.
         cancelled: once true, whatever is waited for is given up.
     """
 
@@ -37,9 +40,13 @@ class Worker:
         work: str,
         *,
         niceness: int = _NICENESS,
+        threads: int | None = None,
         cancelled: Callable[[], bool] = lambda: False,
     ) -> None:
         self._name, self._work, self._niceness, self._cancelled = name, work, niceness, cancelled
+        self._environment = dict(os.environ)
+        if threads is not None:
+            self._environment |= dict.fromkeys(_THREADS, str(threads))
         self._process: subprocess.Popen[bytes] | None = None
         self._channel: Channel | None = None
         self._killing = Lock()
@@ -59,6 +66,7 @@ class Worker:
             [sys.executable, "-c", code],
             stdin=subprocess.DEVNULL,
             pass_fds=(theirs.fileno(),),
+            env=self._environment,
             process_group=0,
         )
         theirs.close()

@@ -1,125 +1,139 @@
 """One picture per burst: what went in, what came out, and how good it is."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from service.files import whole_file
 from service.messages.map import FusedMap
 from service.messages.quality import error_map, judge
-from service.sinks.shading import shade
+from service.sinks.shading import Surface
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
 _VIEWS = ((0.4, 0.15), (-0.4, 0.15))
 """Yaw and pitch of the two viewpoints, radians: far enough round to see relief, not to hide half of it."""
 
 
 def write_preview(path: Path, result: FusedMap, truth: NDArray[np.float32] | None = None) -> None:
-    """Draw a burst and save it as PNG, whole or not at all.
+    """Draw a map and save it as PNG, whole or not at all; see `Picture`."""
+    Picture(result, truth).save(path)
+
+
+class Picture:
+    """A picture of a map, which may be drawn again for the next one: laying it out takes longest.
 
     Panels: distance and amplitude of the reference frame, fused depth, the surface from two sides, and the
     error where there is a truth of the map's size, else the standard deviation.
+
+    Args:
+        result: the map.
+        truth: (βH, βW) true distance, metres, or None.
     """
-    figure = draw(result, truth)
-    partial = path.with_name(path.name + ".partial")
-    try:
-        figure.savefig(partial, format="png", dpi=100)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+
+    def __init__(self, result: FusedMap, truth: NDArray[np.float32] | None) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        self.figure: Figure = Figure(figsize=(16, 8.6), layout="constrained")
+        self._canvas = FigureCanvasAgg(self.figure)
+        self._axes = self.figure.subplots(2, 3).ravel()
+        self._shown: list[AxesImage] = []
+        for axes, panel in zip(self._axes, _panels(result, truth), strict=True):
+            self._shown.append(_show(axes, panel))
+        self.figure.suptitle(_title(result, truth), fontsize=12)
+
+    @staticmethod
+    def kind(result: FusedMap, truth: NDArray[np.float32] | None) -> tuple[object, ...]:
+        """Maps of one kind fit the same picture."""
+        return result.depth.shape, result.frame.shape, error_map(result, truth) is None
+
+    def show(self, result: FusedMap, truth: NDArray[np.float32] | None) -> None:
+        """Draw another map of the same kind in the same layout."""
+        self.figure.set_layout_engine("none")
+        for axes, image, panel in zip(self._axes, self._shown, _panels(result, truth), strict=True):
+            axes.set_title(panel.title, fontsize=11)
+            image.set_data(panel.image)
+            image.set_clim(panel.low, panel.high)
+        self.figure.suptitle(_title(result, truth), fontsize=12)
+
+    def save(self, path: Path) -> None:
+        """Save it as PNG, whole or not at all."""
+        with whole_file(path) as partial:
+            # Level 1 is a tenth larger than the default and takes a third of the time.
+            self.figure.savefig(partial, format="png", dpi=100, pil_kwargs={"compress_level": 1})
 
 
-def draw(result: FusedMap, truth: NDArray[np.float32] | None) -> "Figure":
-    """The picture as a figure."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+@dataclass(frozen=True, slots=True)
+class _Panel:
+    """One image, what it is called, and how it is coloured; with `root`, by the square root of its values."""
 
-    figure = Figure(figsize=(16, 8.6), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(2, 3)
+    image: NDArray[Any]
+    colours: str
+    unit: str | None
+    title: str
+    low: float
+    high: float
+    background: str = "#c8c8c8"
+    root: bool = False
+
+
+def _panels(result: FusedMap, truth: NDArray[np.float32] | None) -> list[_Panel]:
     frame, depth = result.frame, result.depth
-    low, high = _range(depth)
-    _image(
-        axes[0, 0],
-        frame.distance,
-        "viridis",
-        "distance, m",
-        f"frame {frame.sequence}: distance",
-        *_range(frame.distance),
-    )
-    _image(
-        axes[0, 1],
-        frame.amplitude,
-        "gray",
-        "amplitude, counts",
-        f"frame {frame.sequence}: amplitude",
-        root=True,
-    )
-    _image(
-        axes[0, 2],
-        depth,
-        "viridis",
-        "depth, m",
-        f"fused depth, {depth.shape[1]} × {depth.shape[0]}",
-        low,
-        high,
-    )
-    for place, (yaw, pitch) in enumerate(_VIEWS):
-        picture = shade(
-            result.distance, result.intrinsics, result.calibration.distortion or None, yaw=yaw, pitch=pitch
-        )
-        side = f"{abs(np.degrees(yaw)):.0f}° from the {'right' if yaw > 0 else 'left'}"
-        _image(axes[1, place], picture, "gray", None, f"surface, seen {side}", 0.0, 1.0, background="#20242c")
-    _judged(axes[1, 2], result, truth)
-    figure.suptitle(_title(result, truth), fontsize=12)
-    return figure
+    of = f"frame {frame.sequence}"
+    size = f"{depth.shape[1]} × {depth.shape[0]}"
+    surface = Surface(result.distance, result.intrinsics, result.calibration.distortion or None)
+    brightest = max(1.0, float(frame.amplitude.max()))
+    return [
+        _Panel(frame.distance, "viridis", "distance, m", f"{of}: distance", *_range(frame.distance)),
+        _Panel(frame.amplitude, "gray", "amplitude, counts", f"{of}: amplitude", 0.0, brightest, root=True),
+        _Panel(depth, "viridis", "depth, m", f"fused depth, {size}", *_range(depth)),
+        *(_side(surface, yaw, pitch) for yaw, pitch in _VIEWS),
+        _judged(result, truth),
+    ]
 
 
-def _judged(axes: "Axes", result: FusedMap, truth: NDArray[np.float32] | None) -> None:
+def _side(surface: Surface, yaw: float, pitch: float) -> _Panel:
+    side = f"{abs(np.degrees(yaw)):.0f}° from the {'right' if yaw > 0 else 'left'}"
+    return _Panel(
+        surface.seen_from(yaw, pitch), "gray", None, f"surface, seen {side}", 0.0, 1.0, background="#20242c"
+    )
+
+
+def _judged(result: FusedMap, truth: NDArray[np.float32] | None) -> _Panel:
     error = error_map(result, truth)
     if error is None:
         spread = result.deviation * 1000
         # Where hardly anything came back it is many times what it is elsewhere, and would hide all the rest.
         limit = float(np.nanpercentile(spread, 90)) if np.isfinite(spread).any() else 1.0
-        _image(axes, spread, "magma", "standard deviation, mm", "deviation", 0.0, limit)
-        return
-    limit = (
-        float(np.clip(np.nanpercentile(np.abs(error), 95) * 1000, 1.0, None))
-        if np.isfinite(error).any()
-        else 1.0
-    )
-    _image(
-        axes, error * 1000, "RdBu_r", "fused − true distance, mm", "error against the truth", -limit, limit
-    )
+        return _Panel(spread, "magma", "standard deviation, mm", "deviation", 0.0, limit)
+    known = np.abs(error[np.isfinite(error)]) * 1000
+    limit = max(1.0, float(np.percentile(known, 95))) if known.size else 1.0
+    name = "error against the truth"
+    return _Panel(error * 1000, "RdBu_r", "fused − true distance, mm", name, -limit, limit)
 
 
-def _image(
-    axes: "Axes",
-    image: NDArray[np.floating] | NDArray[np.uint16],
-    colours: str,
-    unit: str | None,
-    title: str,
-    low: float | None = None,
-    high: float | None = None,
-    background: str = "#c8c8c8",
-    root: bool = False,
-) -> None:
-    """Show an image; with `root`, brightness follows the square root, which light's wide range needs."""
+def _show(axes: "Axes", panel: _Panel) -> "AxesImage":
     from matplotlib.colors import Normalize, PowerNorm
 
-    axes.set_facecolor(background)
-    scale = PowerNorm(0.5, vmin=low, vmax=high) if root else Normalize(low, high)
-    shown = axes.imshow(image, cmap=colours, norm=scale, interpolation="nearest")
-    axes.set_title(title, fontsize=11)
+    axes.set_facecolor(panel.background)
+    scale = (
+        PowerNorm(0.5, vmin=panel.low, vmax=panel.high) if panel.root else Normalize(panel.low, panel.high)
+    )
+    shown = axes.imshow(panel.image, cmap=panel.colours, norm=scale, interpolation="nearest")
+    axes.set_title(panel.title, fontsize=11)
     axes.set_xticks([])
     axes.set_yticks([])
-    if unit is not None:
-        beyond = "neither" if low is None else "both"
-        axes.figure.colorbar(shown, ax=axes, label=unit, shrink=0.85, extend=beyond)
+    if panel.unit is not None:
+        axes.figure.colorbar(
+            shown, ax=axes, label=panel.unit, shrink=0.85, extend="neither" if panel.root else "both"
+        )
+    return shown
 
 
 def _range(image: NDArray[np.floating]) -> tuple[float, float]:

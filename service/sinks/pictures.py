@@ -51,6 +51,7 @@ class Pictures(Sink):
             "process that draws",
             "service.sinks.pictures:drawing",
             niceness=_NICENESS,
+            threads=1,
             cancelled=self.abandoned.is_set,
         )
 
@@ -91,12 +92,21 @@ class Pictures(Sink):
 
 def drawing() -> Callable[[Drawing], str | None]:
     """What draws each request; it answers what went wrong, or None."""
-    from service.sinks.drawing import write_preview
+    from service.sinks.drawing import Picture
+
+    pictures: dict[tuple[object, ...], Picture] = {}
 
     def draw(request: Drawing) -> str | None:
         try:
-            write_preview(request.path, request.map, request.truth)
+            kind = Picture.kind(request.map, request.truth)
+            if kind in pictures:
+                pictures[kind].show(request.map, request.truth)
+            else:
+                pictures.clear()
+                pictures[kind] = Picture(request.map, request.truth)
+            pictures[kind].save(request.path)
         except Exception as error:  # the process lives on and draws the next
+            pictures.clear()
             return f"{type(error).__name__}: {error}"
         return None
 
