@@ -11,6 +11,7 @@ from service.calibration.distance import DistanceFit
 from service.calibration.intrinsics import CELLS, IntrinsicsFit
 from service.calibration.mount import MountFit
 from service.calibration.noise import NoiseFit
+from service.files import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from service.files import whole_file
 from solver.evaluation import Outcome, percent_of_longest_side
 from solver.evaluation.protocol import FINE
 

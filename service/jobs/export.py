@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from drivers.errors import RecordingError
 from drivers.messages import decode_calibration, decode_image
 from drivers.recording import Recording, open_recording
+from service.files import whole_file
 from service.jobs.ply import write_ply
 from service.messages.topics import FUSED_AMPLITUDE, FUSED_CALIBRATION, FUSED_DEPTH, FUSED_DEVIATION
 from solver.geometry import distance_from_depth, points_from_distance

@@ -10,6 +10,8 @@ from google.protobuf.json_format import MessageToDict
 from numpy.typing import NDArray
 
 from service.errors import ConfigurationError
+from service.files import whole_file
+from service.jobs.ply import write_ply
 from service.messages.decoding import Received
 
 
