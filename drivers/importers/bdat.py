@@ -30,7 +30,7 @@ POINTS = np.dtype(
 """405,504 bytes."""
 
 DEPTH = np.dtype([("amplitude", "<u2", SHAPE), ("z", "<i2", SHAPE)])
-"""101,376 bytes. The vendor's z of a rejected pixel is −10 mm, its origin seen from the projection centre."""
+"""101,376 bytes. A rejected pixel's z is −10 mm, the projection centre seen from the vendor's origin."""
 
 TIMES = "timestamp.log"
 LONGEST_LOG = 64 << 20
@@ -52,7 +52,8 @@ def parse(path: Path, findings: Findings) -> CartesianFrame:
     if len(content) == DEPTH.itemsize:
         frame = np.frombuffer(content, DEPTH)[0]
         findings.note("two images of 16 bits are taken to be amplitude, then z in millimetres")
-        z, amplitude = frame["z"].astype(np.float64) / 1e3, frame["amplitude"].astype(np.float64)
+        z = np.where(frame["z"] > 0, frame["z"] / 1e3, np.nan)
+        amplitude = frame["amplitude"].astype(np.float64)
         return CartesianFrame(z, None, None, amplitude, None, _time(path))
     raise RecordingError(
         f"{path}: has {len(content):,} bytes, expected {POINTS.itemsize:,} (z, x, y, amplitude, confidence) "

@@ -31,7 +31,10 @@ OTHER_CAMERA = 0.25
 """Pixels, median. Frames of one camera agree within 0.02; the centres of two lay 3.4 apart."""
 
 WRONG_DIRECTIONS = 1.0
-"""Pixels; what a calibration given by the user may be off, and what a single point may."""
+"""Pixels, median; what a calibration given by the user may be off."""
+
+STRAY = 0.5
+"""Pixels that a single point may lie off; at most 0.2 on real frames, and 1 where an image lost a row."""
 
 NEAREST, ASIDE = 0.02, 0.001
 """Metres: nearer points are not compared at all; a millimetre is no damage, numbers are rounded to 0.1 mm."""
@@ -64,7 +67,7 @@ class CartesianFrame:
 
     def trusted(self) -> NDArray[np.bool_]:
         """(H, W), the pixels that are not rejected."""
-        told = np.isfinite(self.z) & (self.z > 0) & np.isfinite(self.amplitude)
+        told = (self.z > -ORIGIN_BEFORE_CENTRE) & np.isfinite(self.z) & np.isfinite(self.amplitude)
         return told if self.confidence is None else told & (self.confidence > 0)
 
     @property
@@ -95,7 +98,7 @@ class CartesianFormat:
         Raises:
             RecordingError: a file cannot be read, or its points come from no lens.
         """
-        fitted = None if options.calibration else self._optics(paths)
+        fitted = None if options.calibration else self._optics(paths, findings)
         if options.amplitude_mode is None:
             findings.note("amplitude is taken to be in gray mode, the vendor's default: the files do not say")
         if fitted is None:
@@ -128,7 +131,7 @@ class CartesianFormat:
                 )
             yield path, _exposure(frame, path, source, options, findings)
 
-    def _optics(self, paths: Sequence[Path]) -> tuple[Path, Optics] | None:
+    def _optics(self, paths: Sequence[Path], findings: Findings) -> tuple[Path, Optics] | None:
         """From the first file that has enough points; None where no file has."""
         for path in paths:
             frame = self.parse(path, Findings())
@@ -143,6 +146,10 @@ class CartesianFormat:
                 ) from error
             if found is not None:
                 return path, found
+        findings.note(
+            "the points of every file's x, y, z are too few, or in too small a part of the image, to fit the "
+            "optics: nominal ones are kept"
+        )
         return None
 
 
@@ -203,7 +210,7 @@ def _strays(
     known = comparable(points, trusted, NEAREST)
     error = direction_error(points, known, calibration)
     aside = error * points[..., 2] / calibration.intrinsics.fx
-    strays: NDArray[np.bool_] = (error > WRONG_DIRECTIONS) & (aside > ASIDE)
+    strays: NDArray[np.bool_] = (error > STRAY) & (aside > ASIDE)
     far = comparable(points, trusted)
     median = float(np.median(error[far])) if far.any() else 0.0
     if median > OTHER_CAMERA or strays.sum() > DAMAGED * known.sum():

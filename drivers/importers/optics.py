@@ -25,7 +25,7 @@ LEAST_GAIN = 0.15
 """A further term must lower the residual by this part. The third lowers that of one real SR4000 by a fifth
 and its worst error from 1.4 to 0.5 mm; that of another by a ninth, and its worst error not at all."""
 
-WORST_RESIDUAL = 0.5
+WORST_RESIDUAL = 0.1
 """Pixels; above it the points do not come from one lens. 0.01 to 0.02 on real frames."""
 
 OUTLIER = 9.0
@@ -90,7 +90,7 @@ def fit_optics(points: NDArray[np.float64], usable: NDArray[np.bool_]) -> Optics
         best = finer
     if best.residual > WORST_RESIDUAL:
         raise RecordingError(
-            f"x, y, z do not come from one lens: at best they miss their pixels by {best.residual:.1f} pixels"
+            f"x, y, z do not come from one lens: at best they miss their pixels by {best.residual:.2f} pixels"
         )
     return best
 
@@ -122,7 +122,8 @@ def _solve(directions: NDArray[np.float64], pixels: NDArray[np.float64], terms: 
     for axis in (0, 1):
         equations[axis, :, :-2] = directions[:, axis, None] * radial
         equations[axis, :, axis - 2] = 1.0
-    return np.linalg.lstsq(equations.reshape(-1, terms + 3), pixels.T.ravel(), rcond=None)[0]
+    found = np.linalg.lstsq(equations.reshape(-1, terms + 3), pixels.T.ravel(), rcond=None)[0]
+    return found.astype(np.float64)
 
 
 def _project(directions: NDArray[np.float64], found: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -113,7 +113,8 @@ class SrsFormat:
         if not options.accept_inferred:
             raise RecordingError(
                 f"{paths[0]}: what the frames of a .srs stream hold is inferred, not documented (raw "
-                "distance and amplitude); accept that with --inferred, and compare one distance with a tape measure"
+                "distance and amplitude); accept that with --inferred, and compare one distance with a tape "
+                "measure"
             )
         states = [_beginning(path) for path in paths]
         model, _ = states[0].known()

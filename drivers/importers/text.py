@@ -7,6 +7,7 @@ stands on one line altogether. Written by the vendor's software, and without the
 """
 
 import re
+import string
 from decimal import Decimal
 from pathlib import Path
 
@@ -53,7 +54,7 @@ def parse(path: Path, findings: Findings) -> CartesianFrame:  # noqa: ARG001
                 f"{path}: image {name} has {image.shape[0]} × {image.shape[1]} values, z has "
                 f"{shape[0]} × {shape[1]}; expected one size: the file is torn; copy it again"
             )
-    time = _time(sections["time"], path) if "time" in sections else None
+    time = _time(sections["time"], shape[1], path) if "time" in sections else None
     return CartesianFrame(
         z=images["z"],
         x=images["x"],
@@ -118,8 +119,10 @@ def _image(text: str, name: str, path: Path) -> NDArray[np.float64]:
     )
 
 
-def _time(text: str, path: Path) -> int:
+def _time(text: str, columns: int, path: Path) -> int:
     words = text.split()
+    if text.endswith(tuple(string.digits)) and len(words) < columns:
+        raise RecordingError(f"{path}: ends in the middle of its time: the file is torn; copy it again")
     try:
         return nanoseconds(Decimal(words[0]) * 10**6)
     except (IndexError, ArithmeticError) as error:
