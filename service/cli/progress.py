@@ -20,16 +20,11 @@ def shown_progress(*, quiet: bool) -> Iterator[Watch]:
     if quiet:
         yield Watch()
     elif sys.stderr.isatty():
-        from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+        from rich.progress import TimeElapsedColumn
 
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-        )
-        with Progress(*columns, console=Console(stderr=True)) as progress:
+        from service.cli.terminal import bar
+
+        with bar(TimeElapsedColumn()) as progress:
             yield _Bar(progress)
     else:
         yield _Lines()
@@ -53,7 +48,7 @@ class _Bar(Watch):
         self._maps = self._progress.add_task("bursts fused", total=None)
 
     def warming(self) -> None:
-        self._progress.console.print(_WARMING, highlight=False)
+        self._progress.console.print(_WARMING)
 
     def captured(self, frame: Frame) -> None:  # noqa: ARG002
         self._progress.advance(self._frames)
@@ -63,10 +58,10 @@ class _Bar(Watch):
 
     def fused(self, burst: BurstSummary) -> None:
         self._progress.advance(self._maps)
-        self._progress.console.print(describe(burst), highlight=False)
+        self._progress.console.print(describe(burst))
 
     def failed(self, burst: int, reason: str) -> None:
-        self._progress.console.print(f"burst {burst} could not be fused: {reason}", highlight=False)
+        self._progress.console.print(f"burst {burst} could not be fused: {reason}")
 
 
 class _Lines(Watch):
