@@ -215,9 +215,9 @@ def _strays(
     median = float(np.median(error[far])) if far.any() else 0.0
     if median > OTHER_CAMERA or strays.sum() > DAMAGED * known.sum():
         raise RecordingError(
-            f"{path}: {strays.sum() / known.sum():.0%} of its points lie off the rays of the camera "
-            f"({calibration.source}), {median:.1f} pixels in the median: it is damaged or of another camera; "
-            "import each camera's files by themselves"
+            f"{path}: its points lie {median:.2f} pixels (median) off the rays of the camera "
+            f"({calibration.source}), {strays.sum() / known.sum():.0%} of them by more than {STRAY}: it is "
+            "damaged or of another camera; import each camera's files by themselves"
         )
     if strays.any():
         findings.lost.append(

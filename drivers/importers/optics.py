@@ -25,8 +25,9 @@ LEAST_GAIN = 0.15
 """A further term must lower the residual by this part. The third lowers that of one real SR4000 by a fifth
 and its worst error from 1.4 to 0.5 mm; that of another by a ninth, and its worst error not at all."""
 
-WORST_RESIDUAL = 0.1
-"""Pixels; above it the points do not come from one lens. 0.01 to 0.02 on real frames."""
+WORST_RESIDUAL, COARSEST = 0.1, 0.6e-3
+"""Pixels and metres aside: where both are exceeded the points do not come from one lens. 0.01 to 0.02 pixels
+on real frames; coordinates in whole millimetres miss by 0.3 mm."""
 
 OUTLIER = 9.0
 """Times the median miss, six standard deviations: such points are left out of the fit, so that damaged
@@ -88,7 +89,8 @@ def fit_optics(points: NDArray[np.float64], usable: NDArray[np.bool_]) -> Optics
         if finer.residual > (1 - LEAST_GAIN) * best.residual:
             break
         best = finer
-    if best.residual > WORST_RESIDUAL:
+    aside = best.residual * float(np.median(points[usable][:, 2])) / best.focal_length
+    if best.residual > WORST_RESIDUAL and aside > COARSEST:
         raise RecordingError(
             f"x, y, z do not come from one lens: at best they miss their pixels by {best.residual:.2f} pixels"
         )

@@ -29,7 +29,7 @@ SRS_FRAMES = raw_images(3)
 KINDS = ("a.dat", "a.bdat", "b.bdat", "a.srs")
 
 quick = settings(
-    max_examples=15,
+    max_examples=10,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.data_too_large],

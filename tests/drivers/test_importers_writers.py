@@ -10,6 +10,7 @@ from made_imports import (
     raw_images,
     rays,
     text,
+    vendor_points,
     write_bdat,
     write_depth,
     write_text,
@@ -195,6 +196,16 @@ def test_each_cameras_own_optics_come_from_its_points(tmp_path, write):
     assert found.calibration.noise == sr4000_calibration().noise
 
 
+def test_whole_millimetres_at_close_range_are_no_other_lens(tmp_path):
+    scene = Scene()
+    near = vendor_points(0.4 * scene.steps * STEP, sr4000_calibration())  # 0.5 to 2 m
+    scene.x, scene.y, scene.z = np.round(near, 3)
+    found = import_frames([write_bdat(tmp_path / "a.bdat", scene)])
+    assert len(list(found.frames())) == 1
+    assert found.findings.lost == []
+    assert found.calibration.intrinsics.cx == pytest.approx(87.5, abs=0.02)
+
+
 def test_a_lens_without_distortion_gets_none(tmp_path):
     scene = Scene(calibration=sr3000_calibration())
     found = import_frames([write_bdat(tmp_path / "a.bdat", scene)])
@@ -225,7 +236,7 @@ def test_files_of_two_cameras_are_refused(tmp_path):
         write_text(tmp_path / "a.dat", Scene()),
         write_text(tmp_path / "b.dat", Scene(calibration=other_camera()), 63),
     ]
-    with pytest.raises(RecordingError, match=r"b\.dat: .* 3\.\d pixels in the median: .* of another camera"):
+    with pytest.raises(RecordingError, match=r"b\.dat: its points lie 3\.\d\d pixels .* of another camera"):
         list(import_frames(paths).frames())
 
 
