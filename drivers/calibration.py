@@ -10,6 +10,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from drivers.errors import RecordingError
 
+BYTE_ORDER_MARK = "\ufeff"
+"""Some editors begin a file with it; TOML does not know it."""
+
 
 class _Part(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -143,7 +146,7 @@ class Calibration(_Part):
             RecordingError: not TOML, unknown keys, or values out of bounds; names each of them.
         """
         try:
-            return cls.model_validate(tomllib.loads(text))
+            return cls.model_validate(tomllib.loads(text.removeprefix(BYTE_ORDER_MARK)))
         except tomllib.TOMLDecodeError as error:
             raise RecordingError(f"{origin}: not valid TOML ({error})") from error
         except ValidationError as error:

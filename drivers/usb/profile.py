@@ -172,7 +172,7 @@ class Profile(_Part):
             InitialisationError: the file cannot be read, is not TOML, or is no profile; says where.
         """
         try:
-            return cls.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+            return cls.model_validate(tomllib.loads(path.read_text(encoding="utf-8-sig")))
         except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
             raise InitialisationError(f"{path}: cannot read the camera profile ({error})") from error
         except ValidationError as error:

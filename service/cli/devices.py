@@ -102,10 +102,11 @@ def _register(text: str) -> tuple["RegisterName", Sequence[int]]:
 
 
 def _show(cameras: Sequence["FoundDevice"], ports: Sequence["FoundDevice"]) -> None:
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console()
+    from service.cli.terminal import console
+
+    screen = console()
     for title, found in (("Cameras", cameras), ("Serial ports", ports)):
         if not found:
             print(f"{title}: none found")
@@ -114,7 +115,7 @@ def _show(cameras: Sequence["FoundDevice"], ports: Sequence["FoundDevice"]) -> N
         for device in found:
             cells: list[Any] = [device.model, device.serial or "–", device.where, device.backend]
             table.add_row(*cells, device.permission)
-        console.print(table)
+        screen.print(table)
     for device in (*cameras, *ports):
         if device.remedy:
             print(f"{device.where}: {device.remedy}")

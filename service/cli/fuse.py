@@ -153,23 +153,23 @@ def _progress(path: Path, frames: int, *, quiet: bool) -> Iterator[tuple["Announ
     if quiet or not sys.stderr.isatty():
         yield (lambda _: None), ((lambda _: None) if quiet else (lambda line: print(line, flush=True)))
         return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import TimeElapsedColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task(path.name, total=frames)
+    from service.cli.terminal import bar
+
+    with bar(TimeElapsedColumn()) as shown:
+        task = shown.add_task(path.name, total=frames)
         fused = 0
 
         def announce(burst: "Burst") -> "Iterated":
             nonlocal fused
-            bar.update(task, completed=fused)
+            shown.update(task, completed=fused)
             fused += len(burst.frames)
 
             def iterated(iteration: int, _objective: float, _gap: float | None) -> None:
-                bar.update(task, description=f"{path.name}, burst {burst.id}, iteration {iteration}")
+                shown.update(task, description=f"{path.name}, burst {burst.id}, iteration {iteration}")
 
             return iterated
 
-        yield announce, lambda line: bar.console.print(line, highlight=False, soft_wrap=True)
-        bar.update(task, completed=frames, description=path.name)
+        yield announce, lambda line: shown.console.print(line, soft_wrap=True)
+        shown.update(task, completed=frames, description=path.name)

@@ -17,7 +17,7 @@ from service.messages.summary import describe, summary_of
 from service.sinks.sink import Room, Sink
 
 if TYPE_CHECKING:
-    pass
+    from rich.progress import Progress
 
 
 def progress_sink() -> Callable[[], Sink]:
@@ -35,11 +35,11 @@ class ProgressBar(_Progress):
     """One bar over the frames, one over the maps."""
 
     def open(self) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+        from rich.progress import TimeElapsedColumn
 
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        self._progress: Progress = Progress(*columns, console=Console(stderr=True))
+        from service.cli.terminal import bar
+
+        self._progress: Progress = bar(TimeElapsedColumn())
         self._frames = self._progress.add_task("frames", total=None)
         self._maps = self._progress.add_task("maps", total=None)
         self._progress.start()
@@ -63,7 +63,7 @@ class ProgressBar(_Progress):
         self._progress.stop()
 
     def _say(self, line: str) -> None:
-        self._progress.console.print(line, highlight=False, markup=False, soft_wrap=True)
+        self._progress.console.print(line)
 
 
 class ProgressLines(_Progress):

@@ -1,9 +1,6 @@
 """`lidarboost simulate`: records what a simulated camera sees while a simulated stage turns it."""
 
 import json
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -88,6 +85,7 @@ def simulate(
     """
     from drivers.settings import CameraSettings
     from drivers.simulation import SCENES
+    from service.cli.counter import counted
     from service.config.sections import CameraSection, Configuration, FusionSection, PlanSection, StageSection
     from service.errors import ConfigurationError, OutputError
     from service.jobs.simulate import record_simulation
@@ -112,32 +110,9 @@ def simulate(
         plan=PlanSection(span=span),
         fusion=FusionSection(frames=frames),
     )
-    with _progress(frames * bursts) as advance:
+    with counted(frames * bursts, "simulating") as advance:
         done = record_simulation(configuration, output, bursts, advance)
     if as_json:
         print(json.dumps(done.model_dump(mode="json"), indent=2))
     else:
         print(done)
-
-
-@contextmanager
-def _progress(total: int) -> Iterator[Callable[[], None]]:
-    """Shows how many frames are done: a bar on a terminal, a line now and then elsewhere."""
-    if not sys.stderr.isatty():
-        done = 0
-
-        def count() -> None:
-            nonlocal done
-            done += 1
-            if done % max(1, total // 5) == 0 or done == total:
-                print(f"{done} of {total} frames", file=sys.stderr)
-
-        yield count
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = TextColumn("simulating"), BarColumn(), MofNCompleteColumn(), TextColumn("frames")
-    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True)) as bar:
-        task = bar.add_task("", total=total)
-        yield lambda: bar.advance(task)

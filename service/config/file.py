@@ -71,7 +71,7 @@ def schema() -> dict[str, Any]:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))  # some editors begin with its mark
     except OSError as error:
         raise ConfigurationError(f"{path}: cannot read the configuration ({error.strerror})") from error
     except UnicodeDecodeError as error:

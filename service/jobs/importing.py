@@ -24,6 +24,12 @@ class ImportSummary(BaseModel):
     ambiguity_range: float = Field(description="Metres.")
     integration_time: float | None = Field(description="Seconds per phase sample; null = not known.")
     amplitude_mode: AmplitudeMode
+    optics: str = Field(description="Where the optics come from.")
+    optics_residual: float | None = Field(
+        description="Pixels, root mean square, of optics that were fitted to the files; null = not fitted."
+    )
+    focal_length: tuple[float, float] = Field(description="Along columns and rows, pixels.")
+    centre: tuple[float, float] = Field(description="Principal point: column and row, pixels.")
     rejected: float = Field(description="Part of all pixels that are rejected, 0 to 1.")
     notes: list[str] = Field(description="What was assumed or looks odd.")
     lost: list[str] = Field(description="What could not be read.")
@@ -35,7 +41,9 @@ class ImportSummary(BaseModel):
             f"{self.recording}: {self.frames} frames of {self.shape[1]} × {self.shape[0]} pixels in "
             f"{self.bursts} burst{'' if self.bursts == 1 else 's'}, {self.size / 1e6:.2f} MB\n"
             f"{self.camera} at {carrier}, integration time {time}, amplitude {self.amplitude_mode}, "
-            f"{self.rejected:.1%} of pixels rejected"
+            f"{self.rejected:.1%} of pixels rejected\n"
+            f"focal length {' × '.join(f'{f:.1f}' for f in dict.fromkeys(self.focal_length))} pixels, "
+            f"centre {self.centre[0]:.1f}, {self.centre[1]:.1f} ({self.optics})"
         )
 
 
@@ -62,7 +70,7 @@ def record_import(
             advance()
         if last is None:
             raise RecordingError("the files hold no frame; name files that hold some")
-    frames = last.sequence + 1
+    frames, optics = last.sequence + 1, found.calibration.intrinsics
     return ImportSummary(
         recording=output,
         size=output.stat().st_size,
@@ -74,6 +82,10 @@ def record_import(
         ambiguity_range=last.ambiguity_range,
         integration_time=last.integration_time,
         amplitude_mode=last.amplitude_mode,
+        optics=found.calibration.source,
+        optics_residual=found.optics_residual,
+        focal_length=(optics.fx, optics.fy),
+        centre=(optics.cx, optics.cy),
         rejected=rejected / frames,
         notes=found.findings.notes,
         lost=found.findings.lost,

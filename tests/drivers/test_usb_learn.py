@@ -96,6 +96,8 @@ def test_a_learned_profile_drives_the_camera(tmp_path, session, firmware, monkey
     path = tmp_path / "sr3000.toml"
     path.write_text(lesson.profile.to_toml())
     assert Profile.load(path) == lesson.profile
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())  # as some editors leave it
+    assert Profile.load(path) == lesson.profile
     clock = VirtualClock()
     stand_in = StandIn(SR3000_IDS, firmware=firmware, clock=clock)
     monkeypatch.setattr(discovery, "libusb", lambda: stand_in)

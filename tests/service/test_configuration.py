@@ -77,6 +77,12 @@ def test_every_mistake_is_named_once(write) -> None:
     assert str(caught.value).count(";") >= 2
 
 
+def test_a_byte_order_mark_before_the_file_is_no_statement(write) -> None:
+    path = write('\ufeff[fusion]\nmethod = "nearest"\n')
+    assert path.read_bytes().startswith(b"\xef\xbb\xbf")
+    assert load(path).fusion.method == "nearest"
+
+
 def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match=r"nowhere\.toml: cannot read the configuration"):
         load(tmp_path / "nowhere.toml")

@@ -26,7 +26,7 @@ from service.messages.encoding import fused_messages
 from service.messages.events import MapFused
 from service.messages.map import FusedMap
 from service.wire.addresses import DEFAULT_PREFIX
-from service.wire.session import open_session
+from service.wire.session import _configuration, open_session
 
 LISTENER = Path(__file__).with_name("listener.py")
 BLOB = Schema("foxglove.Log", "protobuf", b"")
@@ -247,6 +247,41 @@ def test_what_the_zenoh_file_sets_goes_before_our_own(tmp_path: Path, endpoint: 
     file.write_text(f'{{ mode: "router", listen: {{ endpoints: ["{endpoint}"] }} }}')
     with open_session(file=file), open_session([], [endpoint], mode="client") as client:
         wait_until(lambda: bool(client.info.routers_zid()))
+
+
+DEFAULTS = {
+    "transport/link/tx/queue/size/data": "2",
+    "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments": "50000",
+    "listen/endpoints": '["tcp/127.0.0.1:0"]',
+    "connect/endpoints": "[]",
+    "scouting/multicast/enabled": "true",
+    "mode": '"peer"',
+}
+"""Of Zenoh."""
+
+
+@pytest.mark.parametrize("key", DEFAULTS)
+def test_what_the_zenoh_file_sets_goes_before_our_own_even_where_it_is_a_default(
+    tmp_path: Path, key: str
+) -> None:
+    file, (*above, last) = tmp_path / "zenoh.json5", key.split("/")
+    nested = f"{last}: {DEFAULTS[key]}, // as it is\n"
+    for name in reversed(above):
+        nested = f"{name}: {{ {nested} }},"
+    file.write_text(f"\ufeff{{ {nested} }}", encoding="utf-8")
+    ours = _configuration(["tcp/127.0.0.1:7447"], ["tcp/127.0.0.1:7448"], None, "client")
+    found = _configuration(["tcp/127.0.0.1:7447"], ["tcp/127.0.0.1:7448"], file, "client")
+    for name in DEFAULTS:
+        wanted = json.loads(DEFAULTS[key]) if name == key else json.loads(ours.get_json(name))
+        assert json.loads(found.get_json(name)) == wanted
+
+
+def test_a_zenoh_file_in_yaml_goes_before_our_own(tmp_path: Path) -> None:
+    file = tmp_path / "zenoh.yaml"
+    file.write_text("mode: router\n")
+    found = _configuration(["tcp/127.0.0.1:7447"], [], file, "peer")
+    assert json.loads(found.get_json("mode")) == "router"
+    assert json.loads(found.get_json("listen/endpoints")) == ["tcp/127.0.0.1:7447"]
 
 
 @pytest.mark.parametrize("endpoint", ["nonsense", "carrier-pigeon/127.0.0.1:7447", "tcp/127.0.0.1:99999"])
