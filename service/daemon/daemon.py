@@ -64,7 +64,9 @@ class Daemon:
         self._streams = 0
         self._grid_moved = False
         self.grabber = Grabber(rig, configuration.camera.timeout, self.stop, self._captured)
-        self._executor = LocalExecutor(configuration.fusion)
+        self._executor = LocalExecutor(
+            configuration.fusion, configuration.stream.window if configuration.start == "stream" else None
+        )
         self.backlog = Backlog(self._executor, self._fused, self._failed, lossless=once)
         self._truth: NDArray[np.float32] | None = None
 
@@ -72,6 +74,11 @@ class Daemon:
     def carries_pose(self) -> bool:
         """Whether frames bring their own angles, as a recording's do; the rig must be open."""
         return self.rig.camera.capabilities.carries_pose
+
+    @property
+    def fusion_pid(self) -> int | None:
+        """Of the process that fuses."""
+        return self._executor.pid
 
     def emit(self, event: Event) -> None:
         """Note an event and hand it to the sinks."""

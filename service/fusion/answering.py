@@ -19,9 +19,10 @@ from solver.errors import FusionError
 
 @dataclass(frozen=True, slots=True)
 class WarmUp:
-    """Have the kernels ready that these settings need."""
+    """Have the kernels ready that these settings need, and those of a stream of that window."""
 
     settings: FusionSection
+    window: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +49,7 @@ def answering() -> Callable[[Job | WarmUp], Answer]:
     def answer(request: Job | WarmUp) -> Answer:
         try:
             if isinstance(request, WarmUp):
-                return _warm_up(request.settings)
+                return _warm_up(request)
             if isinstance(request, BurstJob):
                 return fuse_burst(request.burst, request.settings)
             return _stream(streams, request).push(request)
@@ -67,9 +68,23 @@ def _stream(streams: dict[int, Stream], job: FrameJob) -> Stream:
     return streams[job.stream]
 
 
-def _warm_up(settings: FusionSection) -> Ready:
-    """Compile the kernels of the configured method on a small scene: a step, seen by three frames."""
+def _warm_up(request: WarmUp) -> Ready:
+    """Compile the kernels of the configured method on a small scene: a step, seen by some frames."""
     began = time.perf_counter()
+    frames, calibration = _small_scene(3 if request.window is None else request.window + 3)
+    fuse_burst(Burst(0, frames[:3], calibration, 3), request.settings)
+    if request.window is not None:
+        jobs = [
+            FrameJob(frame, calibration, request.settings, request.window, 0, number)
+            for number, frame in enumerate(frames)
+        ]
+        stream = Stream(jobs[0])
+        for job in jobs:
+            stream.push(job)
+    return Ready(time.perf_counter() - began)
+
+
+def _small_scene(count: int) -> tuple[tuple[Frame, ...], Calibration]:
     height, width = 48, 64
     intrinsics = Intrinsics(fx=60.0, fy=60.0, cx=(width - 1) / 2, cy=(height - 1) / 2)
     rows, columns = np.mgrid[:height, :width]
@@ -87,8 +102,6 @@ def _warm_up(settings: FusionSection) -> Ready:
             modulation_frequency=20e6,
             ambiguity_range=7.5,
         )
-        for k in range(3)
+        for k in range(count)
     )
-    calibration = Calibration(width=width, height=height, intrinsics=intrinsics)
-    fuse_burst(Burst(0, frames, calibration, len(frames)), settings)
-    return Ready(time.perf_counter() - began)
+    return frames, Calibration(width=width, height=height, intrinsics=intrinsics)

@@ -33,10 +33,11 @@ class LocalExecutor:
 
     Args:
         settings: what to be ready for; `timeout` bounds each job.
+        window: of the stream to be ready for; None = bursts only.
     """
 
-    def __init__(self, settings: FusionSection) -> None:
-        self._settings = settings
+    def __init__(self, settings: FusionSection, window: int | None = None) -> None:
+        self._settings, self._window = settings, window
         self._worker = Worker(
             "fusion process", "service.fusion.answering:answering", cancelled=lambda: self._closing
         )
@@ -140,7 +141,7 @@ class LocalExecutor:
         for attempt in range(1, _STARTS + 1):
             try:
                 self._worker.start()
-                answer: Answer = self._worker.ask(WarmUp(self._settings), _START_TIMEOUT)
+                answer: Answer = self._worker.ask(WarmUp(self._settings, self._window), _START_TIMEOUT)
             except WorkerError as error:
                 if attempt == _STARTS or self._closing:
                     self._worker.kill()
