@@ -12,6 +12,10 @@ from service.messages.map import FusedMap
 from solver import FusionWarning, SlidingFusion
 
 
+_MOST_ITERATIONS = 100
+"""A late map of a stream is worth less than one that is not quite converged; the next goes on from there."""
+
+
 class Stream:
     """The window of one stream.
 
@@ -23,8 +27,13 @@ class Stream:
         calibration, settings = job.calibration, job.settings
         noise = calibration.noise
         self._settings = settings
+        options = settings.options()
         self._fusion = SlidingFusion(
-            replace(settings.options(), footprint=footprint_of(calibration)),
+            replace(
+                options,
+                footprint=footprint_of(calibration),
+                max_iterations=min(options.max_iterations, _MOST_ITERATIONS),
+            ),
             window=job.window,
             ambiguity_range=job.frame.ambiguity_range,
             intrinsics=calibration.intrinsics.matrix,
