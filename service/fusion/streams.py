@@ -11,7 +11,6 @@ from service.fusion.job import FrameJob
 from service.messages.map import FusedMap
 from solver import FusionWarning, SlidingFusion
 
-
 _MOST_ITERATIONS = 100
 """A late map of a stream is worth less than one that is not quite converged; the next goes on from there."""
 
