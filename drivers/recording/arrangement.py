@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
-from drivers.bursts import BurstCutter
+from drivers.bursts import BurstCutter, is_another_scan
 from drivers.calibration import Calibration
 from drivers.recording.assembly import FrameEntry
 
@@ -30,6 +30,16 @@ def cut(
             bursts.append([])
         bursts[-1].append(entry)
     return bursts
+
+
+def scans(bursts: Sequence[Sequence[FrameEntry]]) -> list[list[Sequence[FrameEntry]]]:
+    """Bursts by the scan that they belong to."""
+    found: list[list[Sequence[FrameEntry]]] = []
+    for burst in bursts:
+        if not found or is_another_scan(found[-1][-1][-1].fields, burst[0].fields):
+            found.append([])
+        found[-1].append(burst)
+    return found
 
 
 def indistinct(entries: Sequence[FrameEntry]) -> FrameEntry | None:

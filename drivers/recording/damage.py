@@ -5,8 +5,8 @@ from itertools import pairwise
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from drivers.bursts import is_another_scan
 from drivers.messages import CAMERA_FRAME
+from drivers.recording.arrangement import scans
 from drivers.recording.assembly import FrameEntry
 from drivers.recording.contents import Contents
 
@@ -173,7 +173,7 @@ def _short_bursts(
     """
     named = [burst for burst in bursts if burst[0].burst is not None]
     short: list[ShortBurst] = []
-    for scan in _scans(named):
+    for scan in scans(named):
         expected = planned or max(max(len(burst), _poses(burst)) for burst in scan)
         for burst in scan:
             is_last = burst is named[-1]
@@ -183,16 +183,6 @@ def _short_bursts(
             only = scan[0]
             short.append(ShortBurst(burst=only[0].burst or 0, frames=len(only), expected=None))
     return tuple(short)
-
-
-def _scans(bursts: Sequence[Sequence[FrameEntry]]) -> list[list[Sequence[FrameEntry]]]:
-    """Bursts by the scan that they belong to."""
-    scans: list[list[Sequence[FrameEntry]]] = []
-    for burst in bursts:
-        if not scans or is_another_scan(scans[-1][-1][-1].fields, burst[0].fields):
-            scans.append([])
-        scans[-1].append(burst)
-    return scans
 
 
 def _poses(burst: Sequence[FrameEntry]) -> int:

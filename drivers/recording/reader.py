@@ -13,7 +13,7 @@ from drivers.errors import RecordingError
 from drivers.frame import Frame
 from drivers.messages import Message, decode_image
 from drivers.recording import attachments
-from drivers.recording.arrangement import arranged, cut, indistinct
+from drivers.recording.arrangement import arranged, cut, indistinct, scans
 from drivers.recording.assembly import FRAME_TOPICS, FrameEntry, Place
 from drivers.recording.calibrations import Calibrations
 from drivers.recording.container import AttachmentEntry
@@ -123,13 +123,13 @@ class Recording:
     def truth(self) -> NDArray[np.float32] | None:
         """(βH, βW) true distance of the reference view, metres, where the recording was simulated.
 
-        None where there are several: it is not said which scan belongs to which.
+        None where there are several, or several scans: it is not said which belongs to which.
 
         Raises:
             RecordingError: the attachment cannot be read.
         """
         found = {self.load(entry) for entry in self.attached(attachments.TRUTH)}
-        if len(found) != 1:
+        if len(found) != 1 or len(scans(self.cut(None))) > 1:
             return None
         try:
             with np.load(BytesIO(found.pop()), allow_pickle=False) as arrays:
@@ -213,8 +213,8 @@ class Recording:
                 )
             if known is not None and known.shape != entry.shape:
                 return (
-                    f"{self.path}: its calibration is for {_size(known.shape)} pixels, its frames "
-                    f"have {_size(entry.shape)}: record again with the calibration of this camera"
+                    f"{self.path}: frame {entry.sequence} has {_size(entry.shape)} pixels, its calibration "
+                    f"is for {_size(known.shape)}: record again with the calibration of this camera"
                 )
         return None
 

@@ -123,8 +123,9 @@ def _truth(recording: "Recording") -> tuple[tuple[int, int] | None, str | None]:
         return None, str(error)
     if truth is not None:
         return (truth.shape[0], truth.shape[1]), None
-    several = len(recording.attached(attachments.TRUTH))
-    return None, f"{several} different ones, and it is not said whose they are" if several else None
+    if recording.attached(attachments.TRUTH):
+        return None, "it is not said which belongs to which of several scans"
+    return None, None
 
 
 def _topic(name: str, entry: TopicEntry) -> TopicSummary:

@@ -54,7 +54,7 @@ def test_frames_of_two_sizes_are_refused(tmp_path):
 def test_frames_of_another_size_than_the_calibration_are_refused(tmp_path):
     write(tmp_path / "x.mcap", [make_frame(0, shape=(124, 160))], sr4000_calibration())
     with pytest.raises(
-        RecordingError, match="calibration is for 144 × 176 pixels, its frames have 124 × 160"
+        RecordingError, match="frame 100 has 124 × 160 pixels, its calibration is for 144 × 176"
     ):
         open_recording(tmp_path / "x.mcap")
 
