@@ -11,13 +11,13 @@ CalibrationOf = Callable[[FrameEntry], Calibration | None]
 
 
 def arranged(entries: Sequence[FrameEntry]) -> list[FrameEntry]:
-    """Frames in file order, or by log time where that makes fewer bursts.
+    """Frames in file order, or by log time where that makes fewer bursts, or fewer restarts of the numbers.
 
     The file's order is that of the camera unless somebody sorted or merged it; log times are MCAP's own
     order, but a clock that was set makes them jump.
     """
     by_time = sorted(entries, key=lambda entry: (entry.log_time, entry.timestamp, entry.sequence))
-    return min((list(entries), by_time), key=lambda order: len(cut(order, None)))
+    return min((list(entries), by_time), key=lambda order: (len(cut(order, None)), _restarts(order)))
 
 
 def cut(
@@ -30,6 +30,10 @@ def cut(
             bursts.append([])
         bursts[-1].append(entry)
     return bursts
+
+
+def _restarts(entries: Sequence[FrameEntry]) -> int:
+    return sum(after.sequence <= before.sequence for before, after in pairwise(entries))
 
 
 def scans(bursts: Sequence[Sequence[FrameEntry]]) -> list[list[Sequence[FrameEntry]]]:

@@ -8,12 +8,15 @@ from typing import BinaryIO
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Channel, ChunkIndex, McapRecord, MetadataIndex, Schema, Statistics
 
-from drivers.recording.records import MOST_AT_ONCE, RECORD_HEADER, decode
+from drivers.recording.records import RECORD_HEADER, decode
 
 MAGIC = b"\x89MCAP0\r\n"
 
 _FOOTER = struct.Struct("<BQQQI")
 _TAIL = _FOOTER.size + len(MAGIC)
+_LARGEST = 64 << 20
+"""Bytes of a summary: that of an hour at 50 frames/s has some 20 MB."""
+
 _READ = frozenset(
     {
         Opcode.SCHEMA,
@@ -52,11 +55,11 @@ def read_index(file: BinaryIO, size: int) -> Index | None:
         return None
     if start == 0:
         return Index(size - _TAIL)
-    if size - _TAIL - start > MOST_AT_ONCE:
+    if size - _TAIL - start > _LARGEST:
         return None
     file.seek(start)
     content = file.read(size - _TAIL - start)
-    if checksum and zlib.crc32(content + footer[:-4]) != checksum:
+    if checksum and zlib.crc32(footer[:-4], zlib.crc32(content)) != checksum:
         return None
     index, position = Index(start), 0
     try:

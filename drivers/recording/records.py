@@ -35,7 +35,7 @@ RECORD_HEADER = struct.Struct("<BQ")
 MESSAGE_HEADER = struct.Struct("<HIQQ")
 """Channel, sequence, log time and publish time before each message's payload."""
 
-MOST_AT_ONCE = 512 << 20
+MOST_AT_ONCE = 256 << 20
 """Bytes of a record, or of an opened chunk, that are taken into memory; usual chunks have some MB."""
 
 _READERS: dict[int, Callable[[ReadDataStream], McapRecord]] = {
