@@ -8,8 +8,8 @@ from drivers.calibration import Calibration, Intrinsics
 from drivers.errors import RecordingError
 from drivers.messages import CAMERA_CALIBRATION, decode_calibration
 from drivers.recording import attachments
-from drivers.recording.container import AttachmentEntry
 from drivers.recording.contents import SaidCalibration
+from drivers.recording.records import AttachmentEntry
 
 _LENS_MODELS = ("", "plumb_bob", "rational_polynomial")
 """Models of foxglove.CameraCalibration whose terms are OpenCV's k1, k2, p1, p2, k3, …."""

@@ -5,7 +5,6 @@ is done here.
 """
 
 import os
-import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,10 +15,13 @@ from mcap.records import McapRecord
 
 from drivers.recording.index import MAGIC, read_index
 from drivers.recording.records import (
+    LONGEST_ATTACHMENT_HEAD,
     MOST_AT_ONCE,
     RECORD_HEADER,
+    AttachmentEntry,
     OpenedChunk,
     StoredMessage,
+    attachment_entry,
     decode,
     open_chunk,
     stored_message,
@@ -27,8 +29,6 @@ from drivers.recording.records import (
 
 _DATA_END_SIZE = 4
 _BLOCK = 1 << 20
-_LONGEST_NAME = 1 << 16
-"""Bytes; a name or media type of an attachment that is longer is none."""
 
 _DATA_KINDS = frozenset(
     {
@@ -79,18 +79,6 @@ class Fault:
     offset: int
     length: int
     reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class AttachmentEntry:
-    """An attached file: all but its content, of which it is said where it lies. Times in ns."""
-
-    name: str
-    media_type: str
-    log_time: int
-    create_time: int
-    data_offset: int
-    size: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +182,7 @@ class _Walk:
 
     def _attachment(self, start: int, length: int) -> AttachmentEntry | str:
         """An attachment whose checksum agrees, or what is wrong; its content passes in blocks."""
-        head = self._take(min(length, 3 * _LONGEST_NAME))
+        head = self._take(min(length, LONGEST_ATTACHMENT_HEAD))
         entry = attachment_entry(head, start)
         if entry is None or entry.data_offset + entry.size + 4 > start + length:
             self._pass_over(length - len(head))
@@ -247,20 +235,6 @@ class _Walk:
         if opcode in _DATA_KINDS or opcode >= _FIRST_UNKNOWN:
             return f"the last record should have {length:,} bytes"
         return f"what follows is not a record (type {opcode})"
-
-
-def attachment_entry(content: bytes, start: int) -> AttachmentEntry | None:
-    """The head of an attachment whose record's content begins at `start`; None where it is none."""
-    try:
-        log_time, create_time, length = struct.unpack_from("<QQI", content)
-        name = content[20 : 20 + length]
-        (second,) = struct.unpack_from("<I", content, 20 + length)
-        media_type = content[24 + length : 24 + length + second]
-        (size,) = struct.unpack_from("<Q", content, 24 + length + second)
-        offset = start + 32 + length + second
-        return AttachmentEntry(name.decode(), media_type.decode(), log_time, create_time, offset, size)
-    except (struct.error, UnicodeDecodeError):
-        return None
 
 
 def _decoded(opcode: int, content: bytes, start: int) -> McapRecord | OpenedChunk | StoredMessage:

@@ -20,12 +20,10 @@ from drivers.recording.assembly import (
     frame_entry,
     part_of,
 )
-from drivers.recording.container import AttachmentEntry, Fault, Located, walk
+from drivers.recording.container import Fault, Located, walk
 from drivers.recording.index import MAGIC
-from drivers.recording.records import OpenedChunk, StoredMessage
-
-UNKNOWN_TOPIC = "unknown topics"
-"""Where messages are counted whose channel was lost."""
+from drivers.recording.losses import Losses
+from drivers.recording.records import AttachmentEntry, OpenedChunk, StoredMessage
 
 _NO_SCHEMA = Schema("", "jsonschema", b"")
 
@@ -124,7 +122,7 @@ def read_contents(path: Path) -> Contents:
 
 def read_messages(file: BinaryIO, contents: Contents) -> Iterator[FoundMessage]:
     """Every message in file order; all else is noted in `contents`."""
-    losses = _Losses(contents)
+    losses = Losses()
     for item in walk(file):
         if isinstance(item, Fault):
             contents.faults.append(item)
@@ -144,22 +142,21 @@ def read_messages(file: BinaryIO, contents: Contents) -> Iterator[FoundMessage]:
                 payload = file.read(stored.end - stored.start)
                 yield from _found(contents, losses, stored, Place(None, stored.start, stored.end), payload)
             case MessageIndex() as index:
-                losses.index(index, item)
+                fault = losses.index(index, item)
+                contents.faults += [] if fault is None else [fault]
             case Statistics() as statistics:
                 losses.statistics = statistics
             case _:
                 _note(contents, item)
-    losses.settle()
+    contents.lost = losses.by_topic(contents.channels)
 
 
 def _found(
-    contents: Contents, losses: "_Losses", stored: StoredMessage, place: Place, payload: bytes
+    contents: Contents, losses: Losses, stored: StoredMessage, place: Place, payload: bytes
 ) -> Iterator[FoundMessage]:
-    losses.read[stored.channel] += 1
     channel = contents.channels.get(stored.channel)
-    if channel is None:
-        contents.lost[UNKNOWN_TOPIC] += 1
-    else:
+    losses.message(stored.channel, is_known=channel is not None)
+    if channel is not None:
         yield FoundMessage(channel, stored, place, payload)
 
 
@@ -181,47 +178,6 @@ def _define(contents: Contents, record: SchemaRecord | Channel) -> None:
         contents.channels.setdefault(record.id, record)
     else:
         contents.schemas.setdefault(record.id, record)
-
-
-class _Losses:
-    """Counts the messages that are lost: what index and statistics say less what was read."""
-
-    def __init__(self, contents: Contents) -> None:
-        self._contents = contents
-        self.read: Counter[int] = Counter()
-        self.statistics: Statistics | None = None
-        self._missing: Counter[int] = Counter()
-        self._in_chunk: Counter[int] | None = None
-
-    def chunk(self, chunk: OpenedChunk) -> None:
-        """A chunk was read; one without a checksum is compared with its message indexes."""
-        self._in_chunk = None if chunk.is_checked else Counter(stored.channel for stored in chunk.messages)
-
-    def fault(self, fault: Fault) -> None:
-        """A chunk could not be read: its message indexes tell what it held."""
-        self._in_chunk = Counter() if fault.part == "chunk" else None
-
-    def index(self, index: MessageIndex, item: Located) -> None:
-        """What a chunk should have held on a channel."""
-        if self._in_chunk is None:
-            return
-        missing = len(index.records) - self._in_chunk[index.channel_id]
-        self._missing[index.channel_id] += max(0, missing)
-        if missing < 0:
-            self._contents.faults.append(
-                Fault("index", item.offset, item.length, "a message index does not fit its chunk")
-            )
-
-    def settle(self) -> None:
-        """The file is read: the statistics know better than the indexes, where there are any."""
-        if self.statistics is not None:
-            said = self.statistics.channel_message_counts
-            self._missing = Counter({channel: count - self.read[channel] for channel, count in said.items()})
-        for channel, count in self._missing.items():
-            if count > 0:
-                known = self._contents.channels.get(channel)
-                topic = UNKNOWN_TOPIC if known is None else known.topic.removeprefix("/")
-                self._contents.lost[topic] += count
 
 
 class _Gathering:

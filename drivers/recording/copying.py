@@ -29,10 +29,16 @@ from mcap.records import (
 )
 
 from drivers.errors import RecordingError
-from drivers.recording.container import AttachmentEntry, Located
+from drivers.recording.container import Located
 from drivers.recording.index import MAGIC
 from drivers.recording.output import Output
-from drivers.recording.records import MESSAGE_HEADER, RECORD_HEADER, OpenedChunk, StoredMessage
+from drivers.recording.records import (
+    MESSAGE_HEADER,
+    RECORD_HEADER,
+    AttachmentEntry,
+    OpenedChunk,
+    StoredMessage,
+)
 from drivers.recording.versions import library
 
 _BLOCK = 1 << 20

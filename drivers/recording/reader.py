@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +15,12 @@ from drivers.recording import attachments
 from drivers.recording.arrangement import arranged, cut, indistinct, scans
 from drivers.recording.assembly import FRAME_TOPICS, FrameEntry, Place
 from drivers.recording.calibrations import Calibrations
-from drivers.recording.container import AttachmentEntry
 from drivers.recording.contents import Contents, FoundMessage, TopicEntry, read_contents, read_messages
 from drivers.recording.damage import Damage, assess
 from drivers.recording.payloads import Payloads
+from drivers.recording.records import AttachmentEntry
 from drivers.recording.summary import RecordingSummary, summarise
+from drivers.recording.truth import unpack_truth
 
 _LARGEST_ATTACHMENT = 256 << 20
 """Bytes of an attachment that is read: a calibration of 16 million pixels has some 160 MB."""
@@ -131,14 +131,7 @@ class Recording:
         found = {self.load(entry) for entry in self.attached(attachments.TRUTH)}
         if len(found) != 1 or len(scans(self.cut(None))) > 1:
             return None
-        try:
-            with np.load(BytesIO(found.pop()), allow_pickle=False) as arrays:
-                truth = np.asarray(arrays["distance"], dtype=np.float32)
-        except Exception as error:  # a damaged archive fails in zipfile, zlib, NumPy or for want of memory
-            raise self._unreadable_truth(str(error) or type(error).__name__) from error
-        if truth.ndim != 2 or not truth.size:
-            raise self._unreadable_truth(f"it has the shape {truth.shape}")
-        return truth
+        return unpack_truth(found.pop(), self.path)
 
     @cached_property
     def planned(self) -> int | None:
@@ -240,11 +233,6 @@ class Recording:
                 yield entry.fields.frame(
                     decode_image(payloads.read(distance)), decode_image(payloads.read(amplitude))
                 )
-
-    def _unreadable_truth(self, reason: str) -> RecordingError:
-        return RecordingError(
-            f"{self.path}: {attachments.TRUTH} cannot be read ({reason}); expected the array `distance`"
-        )
 
 
 def open_recording(path: Path | str) -> Recording:

@@ -50,6 +50,9 @@ _READERS: dict[int, Callable[[ReadDataStream], McapRecord]] = {
     Opcode.STATISTICS: Statistics.read,
 }
 
+LONGEST_ATTACHMENT_HEAD = 1 << 17
+"""Bytes of an attachment that are looked at for its name and media type."""
+
 _LAST_OF_TODAY = 0x0F
 """Opcodes above are of later versions of the format or, from 0x80, private: neither is read here."""
 
@@ -81,6 +84,18 @@ class OpenedChunk:
     is_checked: bool
     definitions: list[Schema | Channel]
     messages: list[StoredMessage]
+
+
+@dataclass(frozen=True, slots=True)
+class AttachmentEntry:
+    """An attached file: all but its content, of which it is said where it lies. Times in ns."""
+
+    name: str
+    media_type: str
+    log_time: int
+    create_time: int
+    data_offset: int
+    size: int
 
 
 class _Content(ReadDataStream):
@@ -118,6 +133,20 @@ def open_chunk(content: bytes) -> OpenedChunk:
     return OpenedChunk(
         opened, chunk.compression, len(chunk.data), bool(chunk.uncompressed_crc), definitions, messages
     )
+
+
+def attachment_entry(content: bytes, start: int) -> AttachmentEntry | None:
+    """The head of an attachment whose record's content begins at `start`; None where it is none."""
+    try:
+        log_time, create_time, length = struct.unpack_from("<QQI", content)
+        name = content[20 : 20 + length]
+        (second,) = struct.unpack_from("<I", content, 20 + length)
+        media_type = content[24 + length : 24 + length + second]
+        (size,) = struct.unpack_from("<Q", content, 24 + length + second)
+        offset = start + 32 + length + second
+        return AttachmentEntry(name.decode(), media_type.decode(), log_time, create_time, offset, size)
+    except (struct.error, UnicodeDecodeError):
+        return None
 
 
 def stored_message(content: bytes | memoryview, start: int, end: int, offset: int = 0) -> StoredMessage:

@@ -22,7 +22,7 @@ MAGIC = b"\x89MCAP0\r\n"
 quick = settings(
     derandomize=True,
     deadline=None,
-    max_examples=60,
+    max_examples=40,
     database=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
