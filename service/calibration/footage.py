@@ -33,7 +33,7 @@ class Footage:
 
 
 def recorded(paths: Sequence[Path]) -> list[Footage]:
-    """All frames of each recording.
+    """All frames of each recording, those of each calibration by themselves.
 
     Raises:
         RecordingError: a file cannot be read or lacks a calibration.
@@ -41,7 +41,8 @@ def recorded(paths: Sequence[Path]) -> list[Footage]:
     found = []
     for path in paths:
         recording = open_recording(path)
-        found.append(Footage(tuple(recording.frames()), recording.calibration))
+        for known, frames in groupby(recording.frames(), key=recording.calibration_of):
+            found.append(Footage(tuple(frames), known))
     return found
 
 

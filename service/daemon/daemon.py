@@ -76,6 +76,13 @@ class Daemon:
         return self.rig.camera.capabilities.carries_pose
 
     @property
+    def planned(self) -> int | None:
+        """Frames of a whole burst: of the plan, or as a recording says; None = it does not."""
+        if not self.carries_pose:
+            return self.configuration.fusion.frames
+        return None if self.recording is None else self.recording.planned
+
+    @property
     def fusion_pid(self) -> int | None:
         """Of the process that fuses."""
         return self._executor.pid
@@ -153,7 +160,7 @@ class Daemon:
                 calibration=calibration,
                 frames=frames,
                 timestamp=self.rig.clock.now(),
-                head=head_of(settings, self.rig, self._truth),
+                head=head_of(settings, self.rig, self._truth, self.planned),
             )
         )
         camera_rotation(0.0, 0.0, calibration.mount)  # imports a good part of SciPy, once, before frames come

@@ -74,7 +74,9 @@ class Scanning:
     def prepare(self) -> None:
         daemon, settings = self._daemon, self._daemon.configuration
         if daemon.carries_pose:
-            self._source: CarriedBursts | ScanBursts = CarriedBursts(daemon.grabber, settings.fusion.frames)
+            self._source: CarriedBursts | ScanBursts = CarriedBursts(
+                daemon.grabber, settings.fusion.frames, daemon.planned
+            )
         else:
             plan = planned(settings, daemon.rig, settings.fusion.frames)
             self._source = ScanBursts(daemon.grabber, plan, settings.stage.settle, settings.stage.timeout)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from drivers.calibration import Calibration, Mount
 from drivers.frame import Frame
+from drivers.recording import RecordingHead
 from service.messages.burst import Burst
-from service.messages.head import Head
 from service.messages.map import FusedMap
 from service.messages.status import State, Status
 
@@ -72,7 +72,7 @@ class DevicesOpened(Event):
     calibration: Calibration
     frames: int | None
     timestamp: int
-    head: Head
+    head: RecordingHead
     lasting: ClassVar[bool] = True
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from service.errors import OutputError
+from service.files import free_path
 from service.messages.events import Event, MapFused
 from service.messages.map import FusedMap
 from service.processes.worker import Worker
@@ -66,7 +67,7 @@ class Pictures(Sink):
 
     def take(self, event: Event) -> None:
         assert isinstance(event, MapFused)
-        path = self._free_name(event.map.report.burst)
+        path = free_path(self._directory / f"burst-{event.map.report.burst:04d}.png")
         fault = self._worker.ask(Drawing(event.map, event.truth, path), _TIMEOUT)
         if fault is not None:
             raise OutputError(f"{path}: the picture could not be drawn: {fault}")
@@ -80,14 +81,6 @@ class Pictures(Sink):
     @property
     def files(self) -> tuple[str, ...]:
         return tuple(str(path) for path in self._written)
-
-    def _free_name(self, number: int) -> Path:
-        stem, count = f"burst-{number:04d}", 1
-        path = self._directory / f"{stem}.png"
-        while path.exists():
-            count += 1
-            path = self._directory / f"{stem}-{count}.png"
-        return path
 
 
 def drawing() -> Callable[[Drawing], str | None]:

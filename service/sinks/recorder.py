@@ -6,9 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
+from drivers.recording import RecordingHead
 from service.messages.encoding import event_messages
 from service.messages.events import BurstCaptured, DevicesOpened, Event, FrameCaptured, MapFused
-from service.messages.head import Head
 from service.messages.status import RecorderState
 from service.messages.topics import TOPICS
 from service.sinks.recording_file import RecordingFile, Unit
@@ -47,7 +47,7 @@ class Recorder(Sink):
     ) -> None:
         super().__init__()
         self._destination, self._maps, self._now = destination, maps, now
-        self._head: Head | None = None
+        self._head: RecordingHead | None = None
         self._file: RecordingFile | None = None
         self._files: list[Path] = []
         self._messages = 0

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.messages import Message
-from drivers.recording import RecordingWriter
-from service.messages.head import Head
+from drivers.recording import RecordingHead, RecordingWriter
 
 _FLUSH_INTERVAL = 1.0
 """Seconds of data that a killed process may lose; a shorter beat makes smaller chunks that compress less."""
@@ -33,12 +32,11 @@ class RecordingFile:
         StorageError: it cannot be made or written.
     """
 
-    def __init__(self, path: Path, head: Head, now: int) -> None:
+    def __init__(self, path: Path, head: RecordingHead, now: int) -> None:
         self.path = path
         self._writer = RecordingWriter(path, head.metadata)
         try:
-            for name, data, media_type in head.attachments:
-                self._writer.attach(name, data, media_type, now)
+            head.attach_to(self._writer, now)
         except BaseException:
             self._writer.discard()
             raise

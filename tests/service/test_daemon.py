@@ -88,6 +88,7 @@ def test_one_burst_of_the_plan_is_captured_fused_and_written(configure, tmp_path
     assert recording.damage is None
     assert recording.frame_count == 4
     assert recording.metadata["camera_model"] == "scripted"
+    assert recording.planned == 4
     assert 'method = "nearest"' in (recording.configuration or "")
     messages = {message.topic: message for message, _ in recording.messages()}
     depth = decode_image(messages["fused/depth"].payload)

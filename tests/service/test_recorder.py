@@ -9,11 +9,11 @@ from scripted import calibration
 
 import drivers.recording.output as output
 from drivers.messages import Message, Schema
+from drivers.recording import RecordingHead
 from service.config.sections import RecordingSection
 from service.errors import OutputError
 from service.messages.encoding import event_messages
 from service.messages.events import BurstCaptured, DevicesOpened, Event
-from service.messages.head import Head
 from service.sinks.bus import Bus
 from service.sinks.recorder import Recorder
 from service.sinks.recording_directory import FileSeries, RecordingDirectory
@@ -43,7 +43,7 @@ def read(path: Path) -> list[tuple[str, int, bytes]]:
         return [(c.topic, m.sequence, m.data) for _, c, m in reader.iter_messages(log_time_order=False)]
 
 
-HEAD = Head({"rig": "bench"}, (("configuration.toml", b"x = 1", "application/toml"),))
+HEAD = RecordingHead({"rig": "bench"}, (("configuration.toml", b"x = 1", "application/toml"),))
 
 
 def opened() -> DevicesOpened:

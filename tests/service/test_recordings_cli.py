@@ -102,6 +102,17 @@ def test_import_takes_bursts_options_and_a_calibration_file(tmp_path):
     assert {frame.integration_time for frame in found.frames()} == {0.0032}
 
 
+@pytest.mark.parametrize(("arguments", "planned"), [([], 9), (["--burst", 12], 12)])
+def test_a_torn_import_says_what_its_only_burst_lacks(tmp_path, arguments, planned):
+    frames = [text_frame(tmp_path / f"f{number}.dat", 31 * number) for number in range(9)]
+    output = tmp_path / "out.mcap"
+    assert lidarboost("import", *frames, "-o", output, *arguments)[0] == 0
+    output.write_bytes(output.read_bytes()[: output.stat().st_size * 2 // 3])
+    found = open_recording(output)
+    assert 1 < found.frame_count < 9
+    assert f"burst 0 has {found.frame_count} of {planned} frames" in str(found.damage)
+
+
 def test_import_leaves_nothing_behind_when_a_later_frame_is_bad(tmp_path):
     good = text_frame(tmp_path / "good.dat", 0)
     torn = tmp_path / "torn.dat"

@@ -50,6 +50,8 @@ def test_it_records_the_scan_with_everything_around_it(tmp_path):
     assert recording.calibration.noise.coefficient == pytest.approx(30.0)
     assert 'scene = "step"' in recording.configuration
     assert recording.attachment("thumbnail.png").startswith(b"\x89PNG")
+    assert recording.metadata["camera_model"] == "simulated SR3000, scene step"
+    assert (recording.metadata["source"], recording.planned) == ("simulation", 3)
     truth = truth_of(recording)
     assert {name: image.dtype for name, image in truth.items()} == dict.fromkeys(
         ("distance", "depth", "amplitude"), np.dtype(np.float32)
@@ -110,6 +112,15 @@ def test_a_simulation_that_fails_leaves_nothing_behind(tmp_path, monkeypatch):
     monkeypatch.setattr(SimulatedCamera, "truth", fail)
     assert run("--scene", "plane", "-n", 1, "-o", tmp_path / "x.mcap").exit_code == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_torn_simulation_says_what_its_only_burst_lacks(tmp_path):
+    path = tmp_path / "x.mcap"
+    assert run("--scene", "plane", "-n", 9, "-o", path).exit_code == 0
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 3])
+    recording = open_recording(path)
+    assert 1 < recording.frame_count < 9
+    assert f"burst 0 has {recording.frame_count} of 9 frames" in str(recording.damage)
 
 
 @pytest.mark.parametrize(("name", "span"), [("wedges", 15.0), ("objects", 30.0)])
