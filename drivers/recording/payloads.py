@@ -11,8 +11,8 @@ from drivers.errors import RecordingError
 from drivers.recording.assembly import Place
 from drivers.recording.records import RECORD_HEADER, open_chunk
 
-_AT_HAND = 64 << 20
-"""Bytes of opened chunks: enough for files sorted by topic, whose frames lie in several chunks at once."""
+_AT_HAND = 16 << 20
+"""Bytes of opened chunks that are kept; two at least, for a frame of a file sorted by topic lies in two."""
 
 
 class Payloads:
@@ -49,7 +49,7 @@ class Payloads:
         if known is None:
             known = self._opened(offset)
         self._chunks[offset] = known
-        while len(self._chunks) > 1 and sum(map(len, self._chunks.values())) > _AT_HAND:
+        while len(self._chunks) > 2 and sum(map(len, self._chunks.values())) > _AT_HAND:
             self._chunks.popitem(last=False)
         return known
 
