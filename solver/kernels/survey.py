@@ -17,7 +17,8 @@ class Survey:
     """The kernels on disk.
 
     Attributes:
-        folder: the one that holds all folders in which kernels are looked for and kept; None = there is none.
+        folder: the one that holds all compiled kernels or, where there are none yet, will hold them; None =
+            kernels are not compiled at all.
         compiled: kernels that lie there for this processor and these sources.
         kernels: those that the package has; each method needs only some of them.
         fault: why what is compiled from now on cannot be kept; None where it can.
@@ -34,16 +35,21 @@ def survey() -> Survey:
     for module in walk_packages(solver.__path__, "solver."):
         import_module(module.name)
     found = caches()
-    folders = {files.folder for cache in found for files in cache.files}
-    faults = [cache.fault for cache in found if cache.fault is not None]
+    lying = {cache: _folder(cache) for cache in found}
+    folders = {folder for folder in lying.values() if folder is not None}
+    folders = folders or {cache.files[-1].folder for cache in found}
     return Survey(
         folder=Path(os.path.commonpath(folders)) if folders else None,
-        compiled=sum(_is_compiled(cache) for cache in found),
+        compiled=sum(folder is not None for folder in lying.values()),
         kernels=len(found),
-        fault=faults[0] if faults else None,
+        fault=next((cache.fault for cache in found if cache.fault is not None), None),
     )
 
 
-def _is_compiled(cache: KernelCache) -> bool:
+def _folder(cache: KernelCache) -> Path | None:
+    """Where the kernel lies compiled for this processor."""
     processor = cpu_target.target_context.codegen().magic_tuple()
-    return any(key[1] == processor for files in cache.files for key in files.index())
+    for files in cache.files:
+        if any(key[1] == processor for key in files.index()):
+            return files.folder
+    return None

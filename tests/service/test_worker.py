@@ -1,19 +1,29 @@
 """The fusion worker: results, faults, full queues, and an end that never hangs."""
 
+import inspect
 import os
+import shutil
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
+from numba.core.caching import UserProvidedCacheLocator
 from scripted import calibration, frame
 
 from service.capture.burst import Burst
 from service.config import FusionSection
 from service.errors import WorkerError
+from service.fusion import serving
 from service.fusion.fusion import FusedBurst
 from service.fusion.worker import FusionWorker
+from solver.kernels.caching import caches
+
+WEDGES = Path(__file__).parents[2] / "recordings" / "wedges.mcap"
 
 SETTINGS = FusionSection(method="nearest", upsampling=2, register_poses=False, timeout=20.0)
 
@@ -132,6 +142,37 @@ def test_live_the_oldest_burst_goes_when_the_queue_is_full() -> None:
     assert [b.id for b in watched.worker._queue] == [3, 4]
     assert watched.worker.counts.dropped == 3
     assert watched.worker.waiting == 2
+
+
+def test_a_torn_kernel_on_disk_stops_neither_the_worker_nor_fuse(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    serving._warm_up(SETTINGS)  # compiled, should they not be
+    copied = []
+    for cache in caches():
+        folder = UserProvidedCacheLocator.get_suitable_cache_subpath(inspect.getfile(cache._py_func))
+        for path in cache.files[-1].folder.glob(f"{cache._impl.filename_base}.*"):
+            (tmp_path / folder).mkdir(exist_ok=True, mode=0o755)
+            copied.append(Path(shutil.copy(path, tmp_path / folder / path.name)))
+    (torn,) = (path for path in copied if path.name.startswith("noise.thinned-") and path.suffix == ".nbi")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    config = tmp_path / "rig.toml"
+    config.write_text("[fusion]\nregister_poses = false\n")  # few kernels are needed
+    command = [sys.executable, "-m", "lidarboost", "fuse", WEDGES, "--method", "nearest", "--config", config]
+    torn.write_bytes(b"")
+    done = subprocess.run(command, capture_output=True, text=True, cwd=WEDGES.parents[1])
+    assert (done.returncode, done.stderr) == (0, "")
+    assert torn.stat().st_size > 0
+    torn.write_bytes(b"")
+    watched = Watched()
+    watched.worker.start()
+    try:
+        watched.run(burst(0))
+    finally:
+        watched.worker.close()
+    assert [r.report.burst for r in watched.fused] == [0]
+    assert watched.worker.counts.restarts == 0
+    assert torn.stat().st_size > 0
 
 
 @pytest.mark.parametrize("after", [0.0, 0.3])
