@@ -11,13 +11,16 @@ from pydantic import BaseModel, ConfigDict, Field
 from service.output.recorder import RecorderState
 
 State = Literal["starting", "scanning", "streaming", "idle", "recovering", "stopping"]
+Source = Literal["device", "replay", "simulation"]
 
 _WINDOW = 10.0
 """Seconds over which rates are taken: at one burst in some seconds a shorter window would jump."""
 
 
 class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    """Read too: what a newer service adds is passed over, what an older one lacks has its default."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
 
 
 class Drops(_Part):
@@ -50,22 +53,24 @@ class Rates(_Part):
 class Status(_Part):
     """How the service is doing; once a second."""
 
-    timestamp: int = Field(description="When this was true, ns since the epoch.")
-    version: str = Field(description="Version of the software.")
-    state: State = Field(description="What it is doing.")
-    source: Literal["device", "replay", "simulation"] | None = Field(
-        description="Where frames come from; none while there is no camera."
+    timestamp: int = Field(0, description="When this was true, ns since the epoch.")
+    version: str = Field("unknown", description="Version of the software.")
+    state: State | str = Field("unknown", description="What it is doing.")
+    source: Source | str | None = Field(
+        None, description="Where frames come from; none while there is no camera."
     )
-    model: str | None = Field(description="What the camera is.")
-    serial: str | None = Field(description="Its serial number.")
-    uptime: float = Field(ge=0, description="Seconds since the start.")
-    totals: Totals
-    rates: Rates
-    drops: Drops
-    backlog: int = Field(ge=0, description="Bursts that wait for fusion.")
-    latency: float | None = Field(description="Seconds from the last frame of the last burst to its map.")
-    recorder: RecorderState | None = Field(description="What is recorded; none = no recorder.")
-    error: str | None = Field(description="The last error; none = all well so far.")
+    model: str | None = Field(None, description="What the camera is.")
+    serial: str | None = Field(None, description="Its serial number.")
+    uptime: float = Field(0.0, ge=0, description="Seconds since the start.")
+    totals: Totals = Totals()
+    rates: Rates = Rates()
+    drops: Drops = Drops()
+    backlog: int = Field(0, ge=0, description="Bursts that wait for fusion.")
+    latency: float | None = Field(
+        None, description="Seconds from the last frame of the last burst to its map."
+    )
+    recorder: RecorderState | None = Field(None, description="What is recorded; none = no recorder.")
+    error: str | None = Field(None, description="The last error; none = all well so far.")
 
 
 class Meter:

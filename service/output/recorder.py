@@ -38,16 +38,16 @@ class Destination(Protocol):
 class RecorderState(BaseModel):
     """What the recorder is doing."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="ignore", frozen=True)
 
-    recording: bool = Field(description="Whether it records.")
-    file: str | None = Field(description="The file being written, or the last one.")
-    kept: bool = Field(description="Whether that file is marked to keep.")
-    size: int = Field(ge=0, description="Bytes in it.")
-    messages: int = Field(ge=0, description="Messages written since the service started.")
-    dropped: int = Field(ge=0, description="Messages lost because the disk was too slow or full.")
-    free: int | None = Field(description="Bytes free on the disk; none while nothing was recorded.")
-    error: str | None = Field(description="Why it stopped by itself; none = it did not.")
+    recording: bool = Field(False, description="Whether it records.")
+    file: str | None = Field(None, description="The file being written, or the last one.")
+    kept: bool = Field(False, description="Whether that file is marked to keep.")
+    size: int = Field(0, ge=0, description="Bytes in it.")
+    messages: int = Field(0, ge=0, description="Messages written since the service started.")
+    dropped: int = Field(0, ge=0, description="Messages lost because the disk was too slow or full.")
+    free: int | None = Field(None, description="Bytes free on the disk; none while nothing was recorded.")
+    error: str | None = Field(None, description="Why it stopped by itself; none = it did not.")
 
 
 class Recorder:

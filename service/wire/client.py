@@ -12,7 +12,11 @@ from typing import Any, Self
 import numpy as np
 import zenoh
 import zenoh.ext
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 
+from drivers.calibration import Calibration
+from drivers.errors import RecordingError
+from drivers.lens_message import calibration_of
 from drivers.messages import CAMERA_CALIBRATION
 from service.errors import RemoteError
 from service.topics import FUSED_CALIBRATION, TOPICS, Congestion, Topic
@@ -198,9 +202,12 @@ class Client:
         told = self._ask(source, timeout=1.0)
         if told is None:
             return received
-        calibration = decode(source, str(told.encoding), told.payload.to_bytes()).value
-        K = np.array(calibration.K).reshape(3, 3)
-        return replace(received, intrinsics=K, distortion=np.array(calibration.D))
+        lens = _lens(decode(source, str(told.encoding), told.payload.to_bytes()))
+        if lens is None:
+            return received
+        return replace(
+            received, intrinsics=lens.intrinsics.matrix, distortion=np.array(lens.distortion or (0.0,) * 5)
+        )
 
     def _explain(self, topic: str, timeout: float) -> str:
         if self._session.info.links():
@@ -212,6 +219,16 @@ class Client:
             f"no service answered at {self._endpoint} within {timeout:g} s; start one with `lidarboost run`, "
             f"or name the endpoint it listens on"
         )
+
+
+def _lens(received: Received) -> Calibration | None:
+    """What a calibration message tells; None where the camera is not calibrated."""
+    if not isinstance(received.value, CameraCalibration):
+        raise RemoteError(f"{received.topic}: expected a foxglove.CameraCalibration")
+    try:
+        return calibration_of(received.value, received.topic)
+    except RecordingError as error:
+        raise RemoteError(str(error)) from error
 
 
 def _published(topic: str) -> Topic:
