@@ -31,7 +31,7 @@ def parse_toml(content: bytes) -> dict[str, Any]:
         raise ValueError(f"not a text file in UTF-8 (byte {error.start}); expected TOML") from error
     except (ValueError, RecursionError) as error:
         raise ValueError(f"not valid TOML ({error})") from error
-    _check([found])
+    require_plain(found)
     return found
 
 
@@ -43,7 +43,7 @@ def parse_json(content: bytes) -> Any:
         raise ValueError(f"not a text in UTF-8 (byte {error.start}); expected JSON") from error
     except (ValueError, RecursionError) as error:
         raise ValueError(f"not valid JSON ({error})") from error
-    _check([found])
+    require_plain(found)
     return found
 
 
@@ -59,23 +59,27 @@ def shortened(faults: Iterable[str]) -> str:
     return "; ".join(said[:_MOST_FAULTS]) + ("; and more" if len(said) > _MOST_FAULTS else "")
 
 
-def _check(level: list[Any]) -> None:
-    """Walk through all values, level by level: nesting must not end Python's own stack."""
+def require_plain(value: Any) -> None:
+    """Raise ValueError, which says why, for values that one of the two may hold, but nobody can work with."""
+    level = [value]
     for _ in range(_DEEPEST):
+        level = [inner for outer in level for inner in _checked(outer)]
         if not level:
             return
-        below: list[Any] = []
-        for value in level:
-            match value:
-                case dict():
-                    below += [*value, *value.values()]
-                case list():
-                    below += value
-                case int() if abs(value) >= _LARGEST:
-                    raise ValueError("holds a number of more than 64 bits")
-                case float() if not math.isfinite(value):
-                    raise ValueError(f"holds {value}, which is no number")
-                case str() if "\0" in value:
-                    raise ValueError("holds a text with a null byte")
-        level = below
     raise ValueError(f"is nested more than {_DEEPEST} deep")
+
+
+def _checked(value: Any) -> list[Any]:
+    """What a value holds; level by level, since nesting must not end Python's own stack."""
+    match value:
+        case dict():
+            return [*value, *value.values()]
+        case list():
+            return value
+        case int() if abs(value) >= _LARGEST:
+            raise ValueError("holds a number of more than 64 bits")
+        case float() if not math.isfinite(value):
+            raise ValueError(f"holds {value}, which is no number")
+        case str() if "\0" in value:
+            raise ValueError("holds a text with a null byte")
+    return []

@@ -12,7 +12,7 @@ from pydantic_core import ErrorDetails
 from pydantic_settings import BaseSettings, InitSettingsSource, PydanticBaseSettingsSource, SettingsConfigDict
 from pydantic_settings.exceptions import SettingsError
 
-from drivers.documents import parse_toml, shortened
+from drivers.documents import parse_toml, require_plain, shortened
 from service.config import Configuration
 from service.errors import ConfigurationError
 
@@ -59,12 +59,17 @@ def load(path: Path | None = None, flags: Mapping[str, Any] | None = None) -> Co
     layers = type("Layers", (_Layers,), {"document": document, "__module__": __name__})
     try:
         found = layers(**(flags or {}))
-    except SettingsError as error:
+    except (SettingsError, RecursionError) as error:
         raise ConfigurationError(
             f"environment: {error}; sections are set key by key, as {PREFIX}FUSION__METHOD"
         ) from error
     except ValidationError as error:
         raise ConfigurationError(shortened(_faults(error, path, document, flags or {}))) from error
+    for section, options in (("camera", found.camera.options), ("stage", found.stage.options)):
+        try:
+            require_plain(options)
+        except ValueError as error:
+            raise ConfigurationError(f"{section}.options {error}") from error
     return Configuration(**{name: getattr(found, name) for name in Configuration.model_fields})
 
 

@@ -52,11 +52,11 @@ def damaged(draw: st.DrawFn, document: dict[str, Any]) -> dict[str, Any]:
             inner = inner[step]
         match draw(st.sampled_from(["replace", "replace", "replace", "take out", "add"])):
             case "replace":
-                inner[key] = draw(VALUES)
+                inner[key] = copy.deepcopy(draw(VALUES))
             case "take out":
                 del inner[key]
             case "add" if isinstance(inner, dict):
-                inner[draw(st.sampled_from(["x", "model", "fx"]))] = draw(VALUES)
+                inner[draw(st.sampled_from(["x", "model", "fx"]))] = copy.deepcopy(draw(VALUES))
     return found
 
 
