@@ -159,12 +159,12 @@ def test_points_with_fields_of_other_types_are_read_as_such() -> None:
 
 
 @PROFILE
-@given(damaged(STATUS))
-def test_a_damaged_status_is_shown_or_refused_in_a_line(value: dict[str, Any]) -> None:
+@given(damaged(STATUS).map(dumped) | torn(dumped(STATUS)))
+def test_a_damaged_status_is_shown_or_refused_in_a_line(payload: bytes) -> None:
     try:
-        shown = dict(_lines(read(Status, Received("status", value, None))))
+        shown = dict(_lines(read(Status, decode("status", JSON, payload))))
     except RemoteError as error:
-        assert_one_clear_line(error, "status: what came is not what this version reads")
+        assert_one_clear_line(error, "status: ")
     else:
         assert shown.keys() >= {"state", "frames", "maps"}
 
