@@ -3,6 +3,7 @@
 import json
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,8 +15,9 @@ from made_frames import START, make_frame
 from pydantic import ValidationError
 
 from drivers import InitialisationError, RecordingError, sr4000_calibration
+from drivers.backends import CAMERAS, STAGES, camera_class, make_camera, make_stage, stage_class
 from drivers.calibration import Calibration, Corrections, CyclicTerm
-from drivers.documents import parse_json, parse_toml
+from drivers.documents import parse_json, parse_toml, told
 from drivers.lens_message import calibration_of
 from drivers.messages import (
     FrameFields,
@@ -24,10 +26,11 @@ from drivers.messages import (
     decode_image,
     frame_messages,
 )
+from drivers.settings import CameraSettings
 from drivers.usb.profile import FOLDER, Profile
 from solver import FusionError
 from solver.lens import pixel_rays
-from tests.hostile import PROFILE, assert_one_clear_line, damaged, toml_document, torn
+from tests.hostile import PROFILE, VALUES, assert_one_clear_line, damaged, toml_document, torn
 
 WHOLE = sr4000_calibration().model_copy(
     update={
@@ -299,6 +302,36 @@ def _place(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 
 _folder = ""
+
+
+@PROFILE
+@given(damaged(CameraSettings().model_dump()))
+def test_damaged_settings_are_within_bounds_or_refused(document: dict[str, object]) -> None:
+    try:
+        found = CameraSettings.model_validate(document)
+    except ValidationError as error:
+        assert_one_clear_line(ValueError(told(error)))
+    else:
+        assert 0 < found.integration_time <= 0.1
+        assert 1.5 <= found.ambiguity_range <= 150
+        assert found.frame_rate is None or 0 < found.frame_rate <= 1000
+
+
+BACKENDS = [(make_camera, name, camera_class(name)) for name in sorted(CAMERAS)]
+BACKENDS += [(make_stage, name, stage_class(name)) for name in sorted(STAGES)]  # type: ignore[list-item]
+
+
+@PROFILE
+@given(st.sampled_from(BACKENDS), st.data())
+def test_damaged_options_of_a_backend_are_taken_or_refused_in_a_line(
+    backend: Any, data: st.DataObject
+) -> None:
+    make, name, kind = backend
+    key = data.draw(st.sampled_from([*kind.Options.model_fields, "x"]))
+    try:
+        make(name, {key: data.draw(VALUES)}, None)
+    except InitialisationError as error:
+        assert_one_clear_line(error, f"options of backend '{name}': ")
 
 
 @pytest.mark.parametrize("parse", [parse_toml, parse_json])
