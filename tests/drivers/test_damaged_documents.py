@@ -198,7 +198,7 @@ NUMBERS = st.sampled_from([0.0, 1.0, -1.0, 250.0, float("nan"), float("inf"), 1e
 )
 def test_a_damaged_calibration_message_is_used_rightly_or_refused_in_a_line(payload: bytes) -> None:
     try:
-        found = calibration_of(decode_calibration(payload))
+        found = calibration_of(decode_calibration(payload), "x.mcap")
     except RecordingError as error:
         assert_one_clear_line(error)
     else:
