@@ -112,7 +112,7 @@ class Daemon:
             stack.callback(self._worker.close)
             stack.enter_context(self._open_rig())
             self._truth = truth_of(self.rig.camera, self.configuration.fusion.upsampling)
-            head = head_of(self.configuration, self.rig, self._truth)
+            head = head_of(self.configuration, self.rig, self._truth, self._planned())
             self._outlets = stack.enter_context(
                 open_outlets(self.configuration, self.output, head, self._truth, lossless=self.once)
             )
@@ -160,7 +160,7 @@ class Daemon:
         """How frames become bursts: as they say themselves, else by the plan."""
         settings = self.configuration
         if self.carries_pose:
-            return CarriedBursts(self._grabber, settings.fusion.frames)
+            return CarriedBursts(self._grabber, settings.fusion.frames, self._planned())
         limits = self.rig.stage.limits
         only_pan = limits.tilt[0] == limits.tilt[1]
         plan = make_plan(
@@ -175,6 +175,13 @@ class Daemon:
         if plan.moves:
             self._announce(plan)
         return ScanBursts(self._grabber, plan, settings.stage.settle, settings.stage.timeout)
+
+    def _planned(self) -> int | None:
+        """Frames of a whole burst: of the plan, or as a recording says; None = it does not."""
+        if not self.carries_pose:
+            return self.configuration.fusion.frames
+        played = recording_of(self.rig.camera)
+        return None if played is None else played.planned
 
     def _announce(self, plan: Plan) -> None:
         settings = self.configuration

@@ -8,7 +8,7 @@ from pydantic import BaseModel, Field
 from drivers.errors import RecordingError
 from drivers.frame import AmplitudeMode
 from drivers.importers import Import
-from drivers.recording import RecordingWriter, attachments
+from drivers.recording import RecordingWriter, recording_head
 
 
 class ImportSummary(BaseModel):
@@ -52,7 +52,13 @@ def record_import(
         StorageError: the recording cannot be written.
     """
     rejected, last = 0.0, None
-    with RecordingWriter(output, _metadata(found, frames_per_burst)) as writer:
+    head = recording_head(
+        source="import",
+        camera_model=found.source.model,
+        camera_serial=found.source.serial,
+        frames_per_burst=frames_per_burst or found.count,
+    )
+    with RecordingWriter(output, head.metadata) as writer:
         for frame in found.frames():
             if last is None:
                 writer.write_calibration(found.calibration, frame.timestamp)
@@ -78,12 +84,3 @@ def record_import(
         notes=found.findings.notes,
         lost=found.findings.lost,
     )
-
-
-def _metadata(found: Import, frames_per_burst: int | None) -> dict[str, str]:
-    known = {"camera_model": found.source.model, "source": "import"}
-    if found.source.serial is not None:
-        known["camera_serial"] = found.source.serial
-    if frames_per_burst is not None:
-        known[attachments.FRAMES_PER_BURST] = str(frames_per_burst)
-    return known

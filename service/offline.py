@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
+from drivers.bursts import ExpectedFrames
 from drivers.calibration import Calibration
 from drivers.messages import calibration_message, frame_messages
 from drivers.recording import Recording, RecordingWriter, attachments
@@ -18,19 +19,21 @@ Announce = Callable[[Burst], Progress | None]
 
 
 def recorded_bursts(
-    recording: Recording, settings: FusionSection, calibration: Calibration
+    recording: Recording, settings: FusionSection, calibration: Calibration | None = None
 ) -> Iterator[Burst]:
-    """The bursts of a recording; one without a number of its own is numbered from 0.
+    """The bursts of a recording, each with its own calibration unless another is given.
 
-    A burst lacks frames where poses are missing in it, or where an earlier one had more.
+    One without a number of its own is numbered from 0. `ExpectedFrames` says what one lacks.
+
+    Raises:
+        RecordingError: no calibration, or frames that do not fit it.
     """
-    fullest = 0
+    expected = ExpectedFrames(settings.frames, recording.planned)
     for number, frames in enumerate(recording.bursts(settings.frames)):
-        expected = settings.frames
-        named = frames[0].burst
-        if named is not None:
-            expected = fullest = max(fullest, len(frames), 1 + max(frame.pose or 0 for frame in frames))
-        yield Burst(number if named is None else named, tuple(frames), calibration, expected)
+        first = frames[0]
+        known = calibration or recording.calibration_of(first)
+        name = number if first.burst is None else first.burst
+        yield Burst(name, tuple(frames), known, expected.of(frames))
 
 
 def fuse_recording(
@@ -56,28 +59,26 @@ def fuse_recording(
         FusionError: a burst that cannot be fused.
         StorageError: the file cannot be written.
     """
-    known = calibration or recording.calibration
     with ExitStack() as stack:
         writer = None
         if output is not None:
             writer = stack.enter_context(RecordingWriter(output, recording.metadata))
-            _copy_attachments(recording, known, writer)
-        for burst in recorded_bursts(recording, settings, known):
+            _copy_attachments(recording, writer)
+        for burst in recorded_bursts(recording, settings, calibration):
             result = fuse_burst(burst, settings, announce(burst))
             if writer is not None:
                 _write(writer, burst, result)
             yield result
 
 
-def _copy_attachments(recording: Recording, calibration: Calibration, writer: RecordingWriter) -> None:
-    writer.attach(attachments.CALIBRATION, calibration.to_toml().encode(), "application/toml")
+def _copy_attachments(recording: Recording, writer: RecordingWriter) -> None:
     for name in (attachments.CONFIGURATION, attachments.TRUTH):
-        attached = recording.attachments.get(name)
-        if attached is not None:
-            writer.attach(name, attached.data, attached.media_type)
+        for entry in recording.attached(name):
+            writer.attach(name, recording.load(entry), entry.media_type, entry.log_time)
 
 
 def _write(writer: RecordingWriter, burst: Burst, result: FusedBurst) -> None:
+    writer.attach_calibration(burst.calibration, burst.reference.timestamp)
     for frame in burst.frames:
         for message in frame_messages(frame, burst.calibration.mount):
             writer.write(message, frame.timestamp)

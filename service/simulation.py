@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from drivers.backends import make_camera, make_stage
 from drivers.clock import VirtualClock
 from drivers.frame import Frame
-from drivers.recording import RecordingWriter, attachments
+from drivers.recording import RecordingWriter, attachments, recording_head
 from drivers.simulated import SimulatedCamera, SimulatedStage
 from drivers.simulation.render import Truth
 from service.capture.plan import Plan, make_plan
@@ -89,15 +89,20 @@ def record_simulation(
             resolution=radians(configuration.stage.resolution),
         )
         plan.check(stage.limits)
-        settings = tomli_w.dumps(configuration.model_dump(mode="json", exclude_none=True)).encode()
-        metadata = {
+        settings = tomli_w.dumps(configuration.model_dump(mode="json", exclude_none=True))
+        head = recording_head(
+            source=camera.capabilities.source,
+            camera_model=camera.capabilities.model,
+            camera_serial=camera.capabilities.serial,
+            rig="simulation",
             # Of the configuration, so that equal commands give equal files.
-            "run_id": hashlib.sha256(settings).hexdigest()[:32],
-            "rig": "simulation",
-            "camera": camera.capabilities.model,
-        }
-        with RecordingWriter(path, metadata) as writer:
-            writer.attach(attachments.CONFIGURATION, settings, "application/toml", EPOCH)
+            run_id=hashlib.sha256(settings.encode()).hexdigest()[:32],
+            frames_per_burst=len(plan),
+            calibration=calibration,
+            configuration=settings,
+        )
+        with RecordingWriter(path, head.metadata) as writer:
+            head.attach_to(writer, clock.now())
             writer.write_calibration(calibration, clock.now())
             kept: list[Frame] = []
             for burst in range(bursts):

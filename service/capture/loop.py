@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from threading import Event
 from typing import Protocol
 
+from drivers.bursts import BurstCutter, ExpectedFrames
 from drivers.errors import (
     DeviceLostError,
     DeviceTimeoutError,
@@ -158,35 +159,45 @@ class ScanBursts:
 class CarriedBursts:
     """Bursts of a camera whose frames bring their own angles, burst and pose (a recording does).
 
-    A burst ends where the burst id changes, the numbers start again, or the recording ends; frames without
-    an id are cut into groups of `frames`. One with an id lacks frames where poses are missing in it, or
-    where an earlier one had more.
+    `BurstCutter` says where one ends, `ExpectedFrames` what it lacks.
+
+    Args:
+        grabber: gives frames.
+        frames: frames of a burst that has no id.
+        planned: frames of any other, where that is known.
     """
 
-    def __init__(self, grabber: Grabber, frames: int) -> None:
+    def __init__(self, grabber: Grabber, frames: int, planned: int | None = None) -> None:
         self._grabber, self._rig = grabber, grabber.rig
         self._length = frames
-        self._fullest = 0
+        self._cutter, self._expected = BurstCutter(frames), ExpectedFrames(frames, planned)
         self._next: Frame | None = None
 
     def take(self, number: int) -> Burst:
-        first = self._next or self._grab()
+        first = self._next or self._grab_first()
         self._next = None
+        calibration = self._rig.calibration
         frames = [self._grabber.keep(_numbered(first, number, 0))]
+        # A burst that is cut by number is complete without a look at the next frame.
         while first.burst is not None or len(frames) < self._length:
             try:
                 frame = self._grab()
             except EndOfRecordingError:
                 break
-            if frame.burst != first.burst or frame.sequence <= frames[-1].sequence:
+            if self._begins(frame):
                 self._next = frame
                 break
             frames.append(self._grabber.keep(_numbered(frame, number, len(frames))))
-        expected = self._length
-        if first.burst is not None:
-            poses = max(frame.pose or 0 for frame in frames) + 1
-            expected = self._fullest = max(self._fullest, poses, len(frames))
-        return Burst(frames[0].burst or 0, tuple(frames), self._rig.calibration, expected)
+        expected = self._expected.of(frames) if first.burst is not None else self._length
+        return Burst(frames[0].burst or 0, tuple(frames), calibration, expected)
+
+    def _grab_first(self) -> Frame:
+        frame = self._grab()
+        self._begins(frame)
+        return frame
+
+    def _begins(self, frame: Frame) -> bool:
+        return self._cutter.begins(frame, frame.shape, self._rig.calibration)
 
     def _grab(self) -> Frame:
         while True:

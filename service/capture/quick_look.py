@@ -23,11 +23,10 @@ def record_frames(path: Path, frames: Iterable[Frame], rig: Rig, configuration: 
         ServiceError: no frame came.
         StorageError, and as `Camera.grab`.
     """
-    head = head_of(configuration, rig, None)()
+    head = head_of(configuration, rig, None, None)()
     kept: list[Frame] = []
     with RecordingWriter(path, head.metadata) as writer:
-        for name, data, media_type in head.attachments:
-            writer.attach(name, data, media_type, rig.clock.now())
+        head.attach_to(writer, rig.clock.now())
         for frame in frames:
             if not kept:
                 writer.write_calibration(rig.calibration, frame.timestamp)

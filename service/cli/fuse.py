@@ -25,7 +25,9 @@ def fuse(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option(help="Directory: for each IN, NAME-fused.mcap and a picture of every burst."),
+        typer.Option(
+            help="Directory: for each IN, NAME-fused.mcap and a picture of every burst; never written over."
+        ),
     ] = None,
     method: Annotated[Method | None, typer.Option(help="Which fusion.", show_default="auto")] = None,
     upsampling: Annotated[int | None, typer.Option(min=1, max=16, help="β.", show_default="4")] = None,
@@ -39,6 +41,7 @@ def fuse(
     config: Annotated[
         Path | None, typer.Option(help="Configuration, TOML: sections camera and fusion.")
     ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the file of -o where it exists.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Results as JSON on standard output.")] = False,
 ) -> None:
     """Fuse every burst of one or more recordings, and show method, λ and quality.
@@ -61,15 +64,18 @@ def fuse(
     input is damaged.
     """
     from service.config_file import load
+    from service.output.directory import free_path
 
-    _check(inputs, out, output)
+    _check(inputs, out, output, force)
     flags = {"method": method, "upsampling": upsampling, "regularization": regularization, "frames": frames}
     configuration = load(
         config, {"fusion": {key: value for key, value in flags.items() if value is not None}}
     )
     done, failed, damaged = [], False, False
     for path in inputs:
-        target = out if out is not None else None if output is None else output / f"{path.stem}-fused.mcap"
+        target = out
+        if output is not None:
+            target = free_path(output / f"{path.stem}-fused.mcap")
         with _errors_told(go_on=len(inputs) > 1) as errors:
             found = _fuse_one(path, configuration, target, output is not None, quiet=as_json)
             done.append(found)
@@ -83,7 +89,9 @@ def fuse(
         raise typer.Exit(1 if failed else 3)
 
 
-def _check(inputs: list[Path], out: Path | None, output: Path | None) -> None:
+def _check(inputs: list[Path], out: Path | None, output: Path | None, force: bool) -> None:
+    from service.errors import OutputError
+
     if out is not None and output is not None:
         raise typer.BadParameter("-o names one file, --output a directory: choose one of them")
     if out is not None and len(inputs) > 1:
@@ -91,6 +99,8 @@ def _check(inputs: list[Path], out: Path | None, output: Path | None) -> None:
     targets = [out] if out is not None else []
     if any(target.resolve() == path.resolve() for target in targets for path in inputs):
         raise typer.BadParameter(f"{out} is the input itself: give the result another name")
+    if out is not None and out.exists() and not force:
+        raise OutputError(f"{out} exists already; choose another name, or replace it with --force")
 
 
 @contextmanager
@@ -119,7 +129,7 @@ def _fuse_one(
     from service.fusion.quality import judge
     from service.fusion.summary import describe, summarize
     from service.offline import fuse_recording
-    from service.output.directory import made_directory
+    from service.output.directory import free_path, made_directory
     from service.output.preview import write_preview
 
     recording = open_recording(path)
@@ -135,7 +145,7 @@ def _fuse_one(
             say(f"{path.name}: {describe(burst)}")
             if pictures and target is not None:
                 picture = target.with_name(f"{path.stem}-burst-{burst.report.burst:04d}.png")
-                write_preview(picture, result, recording.truth)
+                write_preview(free_path(picture), result, recording.truth)
         if target is not None:
             say(f"wrote {target}")
     if recording.damage is not None:

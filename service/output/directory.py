@@ -1,10 +1,19 @@
-"""Directories for results."""
+"""Directories for results, and names in them that nothing has yet."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from service.errors import OutputError
+
+
+def free_path(path: Path) -> Path:
+    """The path, or `x-2.png`, `x-3.png`, … for `x.png` where one of its name is there already."""
+    number, free = 1, path
+    while free.exists():
+        number += 1
+        free = path.with_name(f"{path.stem}-{number}{path.suffix}")
+    return free
 
 
 @contextmanager

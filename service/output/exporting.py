@@ -18,6 +18,9 @@ from solver.geometry import distance_from_depth, points_from_distance
 
 Arrays = dict[str, NDArray[Any]]
 
+_MOST_TERMS = 14
+"""Of OpenCV's distortion."""
+
 _MAP_TOPICS = {FUSED_DEPTH: "depth", FUSED_DEVIATION: "deviation", FUSED_AMPLITUDE: "amplitude"}
 
 
@@ -28,9 +31,14 @@ def frame_arrays(recording: Recording) -> Arrays:
         counts, amplitude (N, H, W) uint16; distance (N, H, W) float32 metres, NaN where there is none, as
         delivered; timestamp (ns), sequence, burst and pose (−1 = not said), pan and tilt (radians),
         integration_time (seconds, NaN = not known), modulation_frequency (Hz), ambiguity_range (metres),
-        each (N,).
+        and burst_index, the number of the burst in the recording (two may have one id), each (N,).
+
+    Raises:
+        RecordingError: the frames have several sizes.
     """
-    frames = list(recording.frames())
+    if len({entry.shape for entry in recording.entries}) > 1:
+        raise RecordingError(f"{recording.path}: its frames have several sizes; export them as .ply")
+    frames, bursts = list(recording.frames()), recording.cut(None)
     said: Arrays = {
         name: np.stack([getattr(frame, name) for frame in frames])
         for name in ("counts", "amplitude", "distance")
@@ -43,6 +51,7 @@ def frame_arrays(recording: Recording) -> Arrays:
     for name in ("pan", "tilt", "integration_time", "modulation_frequency", "ambiguity_range"):
         values = [getattr(frame, name) for frame in frames]
         said[name] = np.array([np.nan if value is None else value for value in values])
+    said["burst_index"] = np.repeat(np.arange(len(bursts)), [len(burst) for burst in bursts])
     return said
 
 
@@ -59,17 +68,28 @@ def fused_maps(recording: Recording) -> list[Arrays]:
         parts["timestamp"] = np.array(message.publish_time)
         if message.topic == FUSED_CALIBRATION:
             said = decode_calibration(message.payload)
+            if len(said.K) != 9:
+                raise RecordingError(f"{FUSED_CALIBRATION}: K has {len(said.K)} values, expected 9")
             parts |= {"intrinsics": np.array(said.K).reshape(3, 3), "distortion": np.array(said.D)}
         else:
             parts[_MAP_TOPICS[message.topic]] = decode_image(message.payload)
-    return [parts for parts in found.values() if "depth" in parts]
+    maps = [parts for parts in found.values() if "depth" in parts]
+    for parts in maps:
+        shapes = {parts[name].shape for name in _MAP_TOPICS.values() if name in parts}
+        if len(shapes) > 1:
+            raise RecordingError(
+                f"{recording.path}: the images of the map at {parts['timestamp']} ns have sizes "
+                f"{', '.join(map(str, shapes))}; expected one"
+            )
+    return maps
 
 
 def export_arrays(recording: Recording, path: Path) -> str:
     """Write everything as one .npz; returns what it holds, in words.
 
-    Frames as `frame_arrays` has them, with `intrinsics` and `distortion` where there is a calibration; fused
-    maps of one size stacked as `fused_depth`, `fused_deviation`, `fused_amplitude`, `fused_timestamp`, with
+    Frames as `frame_arrays` has them, with `intrinsics` and `distortion` where there is a calibration, or
+    `burst_intrinsics` (B, 3, 3) and `burst_distortion` (B, 14) where bursts have different ones; fused maps
+    of one size stacked as `fused_depth`, `fused_deviation`, `fused_amplitude`, `fused_timestamp`, with
     `fused_intrinsics` and `fused_distortion` of the first.
 
     Raises:
@@ -108,8 +128,8 @@ def clouds(recording: Recording) -> Iterator[NDArray[Any]]:
         yield from (_map_points(found, recording) for found in maps)
         return
     whole = open_recording(recording.path)
-    known = whole.calibration
     for frame in whole.frames():
+        known = whole.calibration_of(frame)
         distance = known.correct(frame.distance, frame.ambiguity_range)
         xyz = points_from_distance(distance, known.intrinsics.matrix, known.distortion or None)
         yield _points(xyz, {"amplitude": frame.amplitude.astype(np.float32)})
@@ -143,10 +163,19 @@ def _points(xyz: NDArray[np.float32], more: Arrays) -> NDArray[Any]:
 
 def _lens(recording: Recording) -> Arrays:
     try:
-        known = recording.calibration
+        known = [recording.calibration_of(burst[0]) for burst in recording.cut(None)]
     except RecordingError:  # arrays are of use without it
         return {}
-    return {"intrinsics": known.intrinsics.matrix, "distortion": np.array(known.distortion)}
+    first = known[0]
+    if all((one.intrinsics, one.distortion) == (first.intrinsics, first.distortion) for one in known):
+        return {"intrinsics": first.intrinsics.matrix, "distortion": np.array(first.distortion)}
+    terms = np.zeros((len(known), _MOST_TERMS))
+    for row, one in zip(terms, known, strict=True):
+        row[: len(one.distortion)] = one.distortion
+    return {
+        "burst_intrinsics": np.stack([one.intrinsics.matrix for one in known]),
+        "burst_distortion": terms,
+    }
 
 
 @contextmanager

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.messages import Message
+from drivers.recording import RecordingHead
 from service.config import Configuration
 from service.fusion.fusion import FusedBurst
-from service.output.directory import made_directory
+from service.output.directory import free_path, made_directory
 from service.output.previews import Previews
 from service.output.recorder import Recorder
-from service.output.recording_file import Head
 from service.output.shelf import Shelf, SingleFile
 from service.topics import FUSED_POINTS
 from service.wire.messages import points_message
@@ -100,7 +100,7 @@ class Outlets:
 def open_outlets(
     configuration: Configuration,
     output: Path | None,
-    head: Callable[[], Head],
+    head: Callable[[], RecordingHead],
     truth: NDArray[np.float32] | None,
     *,
     lossless: bool,
@@ -136,9 +136,9 @@ def open_outlets(
 
 
 @contextmanager
-def _file(directory: Path, head: Callable[[], Head], lossless: bool) -> Iterator[Recorder]:
+def _file(directory: Path, head: Callable[[], RecordingHead], lossless: bool) -> Iterator[Recorder]:
     """The recorder of the one file; after an error nothing of it is left."""
-    recorder = Recorder(SingleFile(directory / FUSED_FILE), head, lossless=lossless)
+    recorder = Recorder(SingleFile(free_path(directory / FUSED_FILE)), head, lossless=lossless)
     recorder.start()
     try:
         yield recorder

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from service.fusion.fusion import FusedBurst
+from service.output.directory import free_path
 from service.output.preview import write_preview
 from service.wire.outbox import Outbox
 
@@ -18,7 +19,7 @@ _log = logging.getLogger(__name__)
 
 
 class Previews:
-    """A directory of pictures `burst-0007.png`.
+    """A directory of pictures `burst-0007.png`; one that is there already is never written over.
 
     Args:
         directory: made if need be.
@@ -46,7 +47,7 @@ class Previews:
 
     def _run(self) -> None:
         while (result := self._outbox.get()) is not None:
-            path = self._directory / f"burst-{result.report.burst:04d}.png"
+            path = free_path(self._directory / f"burst-{result.report.burst:04d}.png")
             try:
                 write_preview(path, result, self._truth)
             except Exception as error:  # a picture is not worth the run; what was lost is told at the end

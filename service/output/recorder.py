@@ -12,8 +12,9 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.errors import StorageError
 from drivers.messages import CAMERA_CALIBRATION, Message
+from drivers.recording import RecordingHead
 from service.errors import ServiceError
-from service.output.recording_file import Head, RecordingFile, Unit
+from service.output.recording_file import RecordingFile, Unit
 from service.topics import TOPICS
 from service.wire.outbox import Outbox
 
@@ -67,7 +68,7 @@ class Recorder:
     def __init__(
         self,
         destination: Destination,
-        head: Callable[[], Head] = Head,
+        head: Callable[[], RecordingHead] = RecordingHead,
         *,
         lossless: bool = False,
         now: Callable[[], int] = time.time_ns,

@@ -1,24 +1,16 @@
 """One file of a running recorder, flushed at a steady beat."""
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.messages import Message
-from drivers.recording import RecordingWriter
+from drivers.recording import RecordingHead, RecordingWriter
 
 _FLUSH_INTERVAL = 1.0
 """Seconds of data that a killed process may lose; a shorter beat makes smaller chunks that compress less."""
 _SYNC_INTERVAL = 10.0
 """Seconds of data that a power cut may take; putting them on the disk can take a good part of a second."""
-
-
-@dataclass(frozen=True, slots=True)
-class Head:
-    """What every file begins with: metadata, and attachments as (name, data, media type)."""
-
-    metadata: dict[str, str] = field(default_factory=dict)
-    attachments: tuple[tuple[str, bytes, str], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,12 +32,11 @@ class RecordingFile:
         StorageError: it cannot be made or written.
     """
 
-    def __init__(self, path: Path, head: Head, now: int) -> None:
+    def __init__(self, path: Path, head: RecordingHead, now: int) -> None:
         self.path = path
         self._writer = RecordingWriter(path, head.metadata)
         try:
-            for name, data, media_type in head.attachments:
-                self._writer.attach(name, data, media_type, now)
+            head.attach_to(self._writer, now)
         except BaseException:
             self._writer.discard()
             raise

@@ -5,35 +5,33 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.recording import attachments
+from drivers.recording import RecordingHead, recording_head
 from service.capture.played import pack_truth
 from service.capture.rig import Rig
 from service.config import Configuration
-from service.output.recording_file import Head
-from service.versions import software_version
 
 
-def head_of(configuration: Configuration, rig: Rig, truth: NDArray[np.float32] | None) -> Callable[[], Head]:
+def head_of(
+    configuration: Configuration, rig: Rig, truth: NDArray[np.float32] | None, frames_per_burst: int | None
+) -> Callable[[], RecordingHead]:
     """Metadata, calibration, configuration as used and, where there is one, the truth (βH, βW).
 
     Taken down now, while the rig is open: a file may be begun while its camera is lost.
+
+    Args:
+        frames_per_burst: frames of a whole burst; None = not known.
     """
     import tomli_w
 
     camera = rig.camera.capabilities
-    metadata = {
-        "rig": configuration.zenoh.prefix,
-        "camera_model": camera.model,
-        "camera_serial": camera.serial or "",
-        "source": camera.source,
-        "software_version": software_version(),
-    }
-    used = tomli_w.dumps(configuration.model_dump(mode="json", exclude_none=True))
-    attached = [
-        (attachments.CALIBRATION, rig.calibration.to_toml().encode(), "application/toml"),
-        (attachments.CONFIGURATION, used.encode(), "application/toml"),
-    ]
-    if truth is not None:
-        attached.append((attachments.TRUTH, pack_truth(truth), "application/octet-stream"))
-    head = Head(metadata, tuple(attached))
+    head = recording_head(
+        source=camera.source,
+        camera_model=camera.model,
+        camera_serial=camera.serial,
+        rig=configuration.zenoh.prefix,
+        frames_per_burst=frames_per_burst,
+        calibration=rig.calibration,
+        configuration=tomli_w.dumps(configuration.model_dump(mode="json", exclude_none=True)),
+        truth=None if truth is None else pack_truth(truth),
+    )
     return lambda: head

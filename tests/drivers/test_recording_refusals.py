@@ -54,7 +54,7 @@ def test_frames_of_two_sizes_are_refused(tmp_path):
 def test_frames_of_another_size_than_the_calibration_are_refused(tmp_path):
     write(tmp_path / "x.mcap", [make_frame(0, shape=(124, 160))], sr4000_calibration())
     with pytest.raises(
-        RecordingError, match="calibration is for 144 × 176 pixels, its frames have 124 × 160"
+        RecordingError, match="frame 100 has 124 × 160 pixels, its calibration is for 144 × 176"
     ):
         open_recording(tmp_path / "x.mcap")
 
@@ -66,7 +66,7 @@ def test_images_that_do_not_fit_each_other_are_refused(tmp_path):
         messages = frame_messages(frame, Mount())
         for message in (frame_messages(small, Mount())[0], *messages[1:]):
             writer.write(message, START)
-    with pytest.raises(RecordingError, match=r"x\.mcap: images of frame 100 do not fit"):
+    with pytest.raises(RecordingError, match=r"holds no whole frame.*images of frame 100 do not fit"):
         open_recording(tmp_path / "x.mcap")
 
 

@@ -228,9 +228,17 @@ def test_a_pause_in_a_recording_is_no_fault() -> None:
     assert scene.counts.lost == 0
 
 
-def test_frames_that_do_not_fit_together_are_refused() -> None:
+def test_frames_that_do_not_fit_together_are_bursts_of_their_own() -> None:
     odd = np.zeros((5, 5), np.uint16)
+    scene = Scene(carried=[frame(0, burst=0), frame(1, burst=0, counts=odd, amplitude=odd)])
     with pytest.raises(RecordingError, match=r"5 × 5 pixels; its calibration is for 4 × 6"):
-        Scene(carried=[frame(0, burst=0), frame(1, burst=0, counts=odd, amplitude=odd)]).take(1)
+        scene.take(2)
+    bursts = Scene(carried=[frame(0, burst=0), frame(1, burst=0, ambiguity_range=5.0)]).take(2)
+    assert [[f.ambiguity_range for f in burst.frames] for burst in bursts] == [[7.5], [5.0]]
+
+
+def test_a_burst_of_frames_that_do_not_fit_together_is_refused() -> None:
+    frames = frame(0, burst=0), frame(1, burst=0, ambiguity_range=5.0)
+    calibration = Scene(carried=[]).rig.calibration
     with pytest.raises(RecordingError, match=r"mixes ambiguity ranges of 7\.5 m and 5 m"):
-        Scene(carried=[frame(0, burst=0), frame(1, burst=0, ambiguity_range=5.0)]).take(1)
+        Burst(0, frames, calibration, 2)

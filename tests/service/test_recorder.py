@@ -8,9 +8,10 @@ from mcap.reader import make_reader
 
 import drivers.recording.output as output
 from drivers.messages import Message, Schema
+from drivers.recording import RecordingHead
 from service.config import RecordingSection
 from service.errors import OutputError, ServiceError
-from service.output.recorder import Head, Recorder
+from service.output.recorder import Recorder
 from service.output.shelf import Shelf, SingleFile
 from service.wire.outbox import Outbox
 
@@ -43,7 +44,7 @@ def section(directory: Path, **changes: float) -> RecordingSection:
 
 
 def test_what_is_recorded_is_what_was_handed_over_byte_for_byte(tmp_path: Path) -> None:
-    head = Head({"rig": "bench"}, (("configuration.toml", b"x = 1", "application/toml"),))
+    head = RecordingHead({"rig": "bench"}, (("configuration.toml", b"x = 1", "application/toml"),))
     recorder = Recorder(SingleFile(tmp_path / "out" / "fused.mcap"), lambda: head, lossless=True)
     sent = [message(number, 200_000) for number in range(40)]
     path = recorder.start()

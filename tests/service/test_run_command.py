@@ -143,7 +143,7 @@ def bad_missing(path: Path) -> Path:
         (bad_text, "not"),
         (bad_empty, "empty"),
         (bad_no_frames, "holds no whole frame"),
-        (bad_size, "calibration is for 4 × 6 pixels"),
+        (bad_size, "calibration is for 4 × 6"),
         (bad_two_sizes, "5 × 5 pixels"),
         (bad_torn_head, "torn"),
         (bad_calibration, "holds no calibration"),
