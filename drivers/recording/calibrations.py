@@ -49,9 +49,11 @@ class Calibrations:
         if isinstance(self._known, RecordingError):
             raise self._known
         if not self._known:
+            why = " (it says that the camera is not calibrated: K is zero)" if self._said else ""
             raise RecordingError(
-                f"{self._origin}: holds no calibration; expected the attachment {attachments.CALIBRATION} "
-                f"or a message on {CAMERA_CALIBRATION}: name a calibration file in the configuration"
+                f"{self._origin}: holds no calibration{why}; expected the attachment "
+                f"{attachments.CALIBRATION} or a message on {CAMERA_CALIBRATION}: name a calibration file in "
+                "the configuration"
             )
         return _in_force(self._known, timestamp)
 
