@@ -24,7 +24,7 @@ from solver.kernels.files import KernelFiles, fault_in_writing
 _IMPORT = re.compile(rb"\nfrom (solver\.[.\w]+) import")
 
 _log = logging.getLogger(__name__)
-_tell = caching._cache_log
+_tell: Any = caching._cache_log
 """Says what NUMBA_DEBUG_CACHE asks for."""
 
 
