@@ -32,8 +32,8 @@ def check_kernels(_: Configuration) -> Iterator[Check]:
         yield Check(
             name="kernels",
             state="warning",
-            finding=f"{said}, which can be written: the first map takes minutes, as they are compiled",
+            finding=f"{said}: the first map takes minutes, as they are compiled",
             remedy=WARM_UP,
         )
     else:
-        yield Check(name="kernels", state="ok", finding=f"{said}, which can be written")
+        yield Check(name="kernels", state="ok", finding=f"{said}; others are kept when they are compiled")

@@ -24,6 +24,8 @@ from solver.kernels.files import KernelFiles, fault_in_writing
 _IMPORT = re.compile(rb"\nfrom (solver\.[.\w]+) import")
 
 _log = logging.getLogger(__name__)
+_tell: Any = caching._cache_log
+"""Says what NUMBA_DEBUG_CACHE asks for."""
 
 
 @cache
@@ -107,11 +109,13 @@ class _Folders:
                 _log.info("a compiled kernel cannot be read: %s", fault)
                 continue
             if found is not None:
+                _tell("[cache] data loaded from %r", str(files.folder))
                 return found
         return None
 
     def save(self, key: object, data: Any) -> None:
         self.files[-1].save(key, data)
+        _tell("[cache] data saved to %r", str(self.files[-1].folder))
 
     def flush(self) -> None:
         self.files[-1].clear()

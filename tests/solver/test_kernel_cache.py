@@ -305,10 +305,16 @@ def test_a_full_disk_is_told_once_and_leaves_nothing_behind(
 
 @pytest.mark.skipif(not hasattr(config, "CACHE_LOCATOR_CLASSES"), reason="this Numba has no such variable")
 def test_numbas_variables_hold(
-    machine: Machine, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, tmp_path: Path
+    machine: Machine,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
 ) -> None:
     monkeypatch.setattr(config, "CACHE_LOCATOR_CLASSES", "InTreeCacheLocator")
+    monkeypatch.setattr(config, "DEBUG_CACHE", 1)
     assert machine.call() == (21, 0)
+    assert f"[cache] data saved to '{tmp_path / '__pycache__'}'" in capsys.readouterr().out
     assert list((tmp_path / "__pycache__").glob("made.kernel-*.nbi"))
     assert machine.call() == (21, 1)
     monkeypatch.setattr(config, "CACHE_LOCATOR_CLASSES", "NoSuchLocator")
