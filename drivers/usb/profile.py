@@ -1,6 +1,5 @@
 """What is known of one camera model, as data: a TOML file, every entry marked with how sure it is."""
 
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Generic, Literal, Self, TypeVar
@@ -8,6 +7,7 @@ from typing import Annotated, Any, Generic, Literal, Self, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from drivers.calibration import Calibration, sr3000_calibration, sr4000_calibration
+from drivers.documents import parse_toml, told
 from drivers.errors import InitialisationError
 from drivers.exposure import SAMPLES
 from drivers.usb.steps import Byte, Step, Word
@@ -172,14 +172,11 @@ class Profile(_Part):
             InitialisationError: the file cannot be read, is not TOML, or is no profile; says where.
         """
         try:
-            return cls.model_validate(tomllib.loads(path.read_text(encoding="utf-8-sig")))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise InitialisationError(f"{path}: cannot read the camera profile ({error})") from error
+            return cls.model_validate(parse_toml(path.read_bytes()))
         except ValidationError as error:
-            faults = "; ".join(
-                f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}" for fault in error.errors()
-            )
-            raise InitialisationError(f"{path}: not a camera profile ({faults})") from error
+            raise InitialisationError(f"{path}: not a camera profile ({told(error)})") from error
+        except (OSError, ValueError) as error:
+            raise InitialisationError(f"{path}: cannot read the camera profile ({error})") from error
 
 
 def shipped_profiles() -> list[Profile]:

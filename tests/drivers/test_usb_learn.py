@@ -247,6 +247,13 @@ def test_a_damaged_capture_never_ends_in_anything_but_a_clear_error(
         learn(path, model="SR3000")
 
 
+def test_a_packet_cut_off_before_its_stage_is_read_as_far_as_it_goes(tmp_path, session):
+    (at, whole), *_ = usbpcap_packets(session)
+    write_pcapng(tmp_path / "t.pcapng", [(at, whole[:27])], USBPCAP)
+    with pytest.raises(RecordingError, match="no device sends anything"):
+        learn(tmp_path / "t.pcapng", model="SR3000")
+
+
 def test_too_few_frames(tmp_path, session):
     path = capture(tmp_path / "t.pcapng", session[:-32], "220")
     with pytest.raises(RecordingError, match=r"shows \d frames of the SR3000; record one"):
