@@ -143,6 +143,9 @@ class AutoCamera(Camera):
     def _capabilities(self) -> Capabilities:
         return self._found.capabilities
 
+    def _longest_exposure(self, integration_time: float | None) -> float:
+        return self._found._longest_exposure(integration_time)
+
     @property
     def recording(self) -> Recording | None:
         """The recording that is played for want of a camera, or None."""

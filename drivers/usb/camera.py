@@ -11,6 +11,7 @@ from drivers.clock import Clock
 from drivers.device import BackendOptions
 from drivers.errors import (
     DeviceLostError,
+    DeviceTimeoutError,
     DriverError,
     InitialisationError,
     NotAvailableError,
@@ -23,6 +24,7 @@ from drivers.usb.adjust import check_settings, initial_settings, register_writes
 from drivers.usb.discovery import UsbDevice, find_cameras
 from drivers.usb.profile import Profile, require_usable, usable
 from drivers.usb.reader import FrameReader
+from drivers.usb.steps import RegisterWrite
 from drivers.usb.transport import Transport
 
 log = logging.getLogger(__name__)
@@ -62,6 +64,7 @@ class UsbCamera(Camera):
         self._device: UsbDevice | None = None
         self._profile: Profile | None = None
         self._wanted: CameraSettings | None = None
+        self._written: tuple[RegisterWrite, ...] | None = None
         self._integration_time: float | None = None
         self._sequence = 0
         self._failures = 0
@@ -78,8 +81,9 @@ class UsbCamera(Camera):
         require_usable(profile, consent)
         try:
             self._transport = Transport(device, profile, consent, self.clock)
-            self._reader = FrameReader(self._transport, profile, self.clock)
+            self._reader = FrameReader(self._transport, profile, self.clock, self._sequence)
             self._device, self._profile = device, profile
+            self._written = None
             self._transport.run(profile.initialise.known)
             self._settings = self._apply(self._wanted or initial_settings(profile, consent))
         except BaseException as error:
@@ -129,9 +133,11 @@ class UsbCamera(Camera):
     def _grab(self, timeout: float) -> Frame:
         deadline = self.clock.now() + round(timeout * 1e9)
         self._pacer.wait(self._settings.frame_rate, deadline)
-        self._sequence += 1
+        shortest, _ = self._known.exposure_bounds(self._integration_time)
+        if deadline - self.clock.now() <= shortest * 1e9:
+            raise DeviceTimeoutError("no frame was asked for: the time allowed is shorter than an exposure")
+        assert self._reader is not None
         try:
-            assert self._reader is not None
             counts, amplitude, timestamp, uncertainty = self._reader.take(deadline, self._integration_time)
         except DeviceLostError:
             raise
@@ -140,6 +146,8 @@ class UsbCamera(Camera):
             raise
         except NotAvailableError as error:  # the permission was taken away meanwhile
             raise DeviceLostError(str(error)) from error
+        finally:
+            self._sequence = self._reader.number
         self._failures = 0
         return Frame(
             counts=counts,
@@ -173,12 +181,21 @@ class UsbCamera(Camera):
         consent = self.options.allow_inferred
         taken = check_settings(settings, self._known, consent)
         assert self._transport is not None
-        for step in register_writes(taken, self._known, consent):
+        assert self._reader is not None
+        writes = tuple(register_writes(taken, self._known, consent))
+        if writes and writes != self._written:
+            self._reader.settings_changed()
+        self._written = None
+        for step in writes:
             self._transport.send(step)
+        self._written = writes
         if usable(self._known.registers.integration_time, consent):
             self._integration_time = taken.integration_time
         self._wanted = settings
         return taken
+
+    def _longest_exposure(self, integration_time: float | None) -> float:
+        return self._known.exposure_bounds(integration_time)[1] or super()._longest_exposure(integration_time)
 
     def _calibration(self) -> Calibration:
         return self._known.nominal_calibration()
