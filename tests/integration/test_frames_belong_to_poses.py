@@ -1,0 +1,127 @@
+"""No frame from before a movement is given to the pose after it, whatever happens on the bus."""
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from threading import Event
+
+import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+
+from drivers.clock import VirtualClock
+from drivers.usb import UsbCamera, discovery
+from service.capture.loop import Capture, Grabber, ScanBursts
+from service.capture.plan import make_plan
+from service.capture.rig import Rig
+from service.config import PlanSection
+
+sys.path[:0] = [str(Path(__file__).parents[1] / folder) for folder in ("drivers", "service")]
+
+from scripted import ScriptedStage
+from usb_standin import StandIn, scene
+
+POSES, BURSTS = 4, 2
+
+FAULTS = (
+    "silent", "short", "late", "delayed 0.05", "delayed 0.2", "stall", "stall queued", "eio", "eio queued",
+    "refused", "refused exposed", "doubled", "exposed twice", "garbage", "constant", "rolled", "swapped", "unplug",
+)  # fmt: skip
+
+PICTURE = scene(144, 176, 1)[2:]
+
+
+class LoggedStage(ScriptedStage):
+    """Keeps when each movement began and ended."""
+
+    def __init__(self, clock: VirtualClock) -> None:
+        super().__init__(clock)
+        self.log: list[tuple[int, int, tuple[float, float]]] = []
+
+    def _wait(self, timeout: float) -> None:
+        began = self.clock.now()
+        super()._wait(timeout)
+        self.log.append((began, self.clock.now(), self.moves[-1]))
+
+
+class Bench:
+    """A scan with the real USB driver; each picture carries the number of its exposure."""
+
+    def __init__(self, faults: Mapping[int, str], period: float, ahead: float, settle: float) -> None:
+        self.settle = round(settle * 1e9)
+        clock = Replugging(self)
+        self.stand_in = StandIn(
+            clock=clock,
+            period=period,
+            ahead=ahead,
+            faults=faults,
+            frames=lambda number: (4 * number).to_bytes(2, "little") + PICTURE,
+            number_by_exposure=True,
+            record=False,
+        )
+        self.stage = LoggedStage(clock)
+        camera = UsbCamera(UsbCamera.Options(allow_inferred=True), clock)
+        self.rig = Rig(camera, self.stage, clock)
+        self.stop = Event()
+
+    def scan(self) -> list[tuple[int, int, tuple[float, float]]]:
+        """Exposure and pose of each frame of some bursts."""
+        self.rig.open()
+        grabber = Grabber(self.rig, 0.4, self.stop)
+        plan = make_plan(PlanSection(), POSES, self.rig.calibration.intrinsics)
+        capture = Capture(grabber, ScanBursts(grabber, plan, self.settle / 1e9, 10.0))
+        found = []
+        for burst, _ in zip(capture.run(), range(BURSTS), strict=False):
+            assert [frame.pose for frame in burst.frames] == list(range(POSES))
+            for frame in burst.frames:
+                pose = plan.poses[frame.pose or 0]
+                found.append((*self.stand_in.exposures[int(frame.counts[0, 0]) // 4], (pose.pan, pose.tilt)))
+        self.rig.close()
+        return found
+
+    def check(self, began: int, ended: int, pose: tuple[float, float]) -> None:
+        """The stage stood at the pose from before the exposure until after it."""
+        _, arrived, target = [move for move in self.stage.log if move[0] <= began][-1]
+        assert target == pose
+        assert arrived + self.settle <= began
+        assert all(began_to_move >= ended for began_to_move, _, _ in self.stage.log if began_to_move > began)
+
+
+class Replugging(VirtualClock):
+    """Time in which an unplugged camera is plugged in again after a while."""
+
+    def __init__(self, bench: Bench) -> None:
+        super().__init__(1_000_000_000)
+        self._bench = bench
+
+    def sleep(self, seconds: float) -> None:
+        super().sleep(seconds)
+        if seconds >= 0.05 and not self._bench.stand_in.plugged:
+            self._bench.stand_in.replug()
+
+
+@given(
+    faults=st.dictionaries(st.integers(1, 24), st.sampled_from(FAULTS), max_size=10),
+    period=st.floats(0.02, 0.1),
+    ahead=st.floats(0, 1),
+    settle=st.sampled_from([0.0, 0.02, 0.1]),
+)
+@settings(max_examples=40, deadline=None, derandomize=True, phases=(Phase.explicit, Phase.generate))
+def test_no_frame_from_before_a_movement_is_given_to_the_pose_after_it(faults, period, ahead, settle):
+    bench = Bench(faults, period, ahead * period, settle)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(discovery, "libusb", lambda: bench.stand_in)
+        found = bench.scan()
+    assert len(found) == BURSTS * POSES
+    for exposure in found:
+        bench.check(*exposure)
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("trigger", [1, 2, 3, 5])
+def test_one_fault_gives_no_frame_to_another_pose(fault, trigger):
+    bench = Bench({trigger: fault}, 0.03, 0.0, 0.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(discovery, "libusb", lambda: bench.stand_in)
+        for exposure in bench.scan():
+            bench.check(*exposure)
