@@ -16,7 +16,8 @@ from service.capture.plan import make_plan
 from service.capture.rig import Rig
 from service.config import PlanSection
 
-sys.path[:0] = [str(Path(__file__).parents[1] / folder) for folder in ("drivers", "service")]
+sys.path.insert(0, str(Path(__file__).parents[1] / "drivers"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "service"))
 
 from scripted import ScriptedStage
 from usb_standin import StandIn, scene
@@ -25,7 +26,8 @@ POSES, BURSTS = 4, 2
 
 FAULTS = (
     "silent", "short", "late", "delayed 0.05", "delayed 0.2", "stall", "stall queued", "eio", "eio queued",
-    "refused", "refused exposed", "doubled", "exposed twice", "garbage", "constant", "rolled", "swapped", "unplug",
+    "refused", "refused exposed", "doubled", "exposed twice", "garbage", "constant", "rolled", "swapped",
+    "unplug",
 )  # fmt: skip
 
 PICTURE = scene(144, 176, 1)[2:]
