@@ -195,7 +195,7 @@ class UsbCamera(Camera):
         return taken
 
     def _longest_exposure(self, integration_time: float | None) -> float:
-        return self._known.exposure_bounds(integration_time)[1] or super()._longest_exposure(integration_time)
+        return self._known.exposure_bounds(integration_time)[1]
 
     def _calibration(self) -> Calibration:
         return self._known.nominal_calibration()

@@ -127,8 +127,11 @@ def test_sr2_works_without_consent_but_wants_its_model(bus, clock):
         assert cam.settings.integration_time == pytest.approx(30.2e-3)
         with pytest.raises(InitialisationError, match=r"takes 0\.2 to 51\.2 ms"):
             cam.settings = CameraSettings(integration_time=60e-3)
-        with pytest.raises(InitialisationError, match="optics"):
-            _ = cam.calibration
+        known = cam.calibration.intrinsics
+        assert (known.fx, known.fy) == pytest.approx((8e-3 / 54.8e-6, 8e-3 / 39.2e-6))
+        assert (known.cx, known.cy) == (62, 80)
+    with camera(clock, model="SR2A") as cam, pytest.raises(InitialisationError, match="optics"):
+        _ = cam.calibration
 
 
 @pytest.mark.parametrize(

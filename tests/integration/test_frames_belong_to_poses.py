@@ -108,7 +108,7 @@ class Replugging(VirtualClock):
     ahead=st.floats(0, 1),
     settle=st.sampled_from([0.0, 0.02, 0.1]),
 )
-@settings(max_examples=40, deadline=None, derandomize=True, phases=(Phase.explicit, Phase.generate))
+@settings(max_examples=25, deadline=None, derandomize=True, phases=(Phase.explicit, Phase.generate))
 def test_no_frame_from_before_a_movement_is_given_to_the_pose_after_it(faults, period, ahead, settle):
     bench = Bench(faults, period, ahead * period, settle)
     with pytest.MonkeyPatch.context() as patch:
