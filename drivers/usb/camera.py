@@ -22,6 +22,7 @@ from drivers.pacing import Pacer
 from drivers.settings import CameraSettings, Capabilities
 from drivers.usb.adjust import check_settings, initial_settings, register_writes
 from drivers.usb.discovery import UsbDevice, find_cameras
+from drivers.usb.findings import describe_sending
 from drivers.usb.profile import Profile, require_usable, usable
 from drivers.usb.reader import FrameReader
 from drivers.usb.steps import RegisterWrite
@@ -73,12 +74,9 @@ class UsbCamera(Camera):
     def _open(self) -> None:
         consent = self.options.allow_inferred
         device, profile = self._choose()
-        if self.options.profile is not None and not consent:
-            raise InitialisationError(
-                f"{self.options.profile}: a profile of one's own is used only with allow_inferred = true, "
-                "whatever it says of itself; nothing was sent"
-            )
-        require_usable(profile, consent)
+        require_usable(profile, consent or self.options.profile is not None)
+        if self.options.profile is not None:
+            self._require_consent(self.options.profile, profile)
         try:
             self._transport = Transport(device, profile, consent, self.clock)
             self._reader = FrameReader(self._transport, profile, self.clock, self._sequence)
@@ -93,6 +91,18 @@ class UsbCamera(Camera):
             if isinstance(error, OperationError):
                 raise InitialisationError(f"the camera could not be set up: {error}") from error
             raise
+
+    def _require_consent(self, path: Path, profile: Profile) -> None:
+        """A profile of one's own, whatever it says of itself, needs consent to what it sends."""
+        sends = "; ".join(describe_sending(profile))
+        if not self.options.allow_inferred:
+            raise InitialisationError(
+                f"{path}: a profile of one's own is used only with allow_inferred = true; nothing was sent. "
+                f"With it, {sends}"
+            )
+        log.warning("%s: %s", path, sends)
+        if profile.serial is None:
+            log.warning("%s is bound to no serial number: it is used for any %s", path, profile.model)
 
     def _close(self) -> None:
         transport, self._transport, self._reader = self._transport, None, None
@@ -118,6 +128,13 @@ class UsbCamera(Camera):
         ]
         if not fitting:
             raise NotAvailableError(_nothing_found(options, found))
+        if extra is not None and extra.serial is not None:
+            others, fitting = fitting, [device for device in fitting if device.serial == extra.serial]
+            if not fitting:
+                raise InitialisationError(
+                    f"{options.profile} is for the camera with the serial number {extra.serial}, and would "
+                    f"be sent to {others[0]}; nothing was sent: learn a profile of this one"
+                )
         # after unplugging, the camera in the same socket is the one to go on with
         port = self._device.port if self._device is not None else None
         device = next((device for device in fitting if device.port == port), fitting[0])

@@ -109,6 +109,7 @@ class Profile(_Part):
 
     model: str
     note: str = ""
+    serial: str | None = Field(None, description="Serial number of the only camera it is for; none = any.")
     ids: tuple[UsbId, ...] = Field(min_length=1)
     interface: Fact[Byte]
     configuration: Fact[Byte]
