@@ -19,7 +19,8 @@
 #define ROWS 144
 #define COLS 176
 #define PIXELS (ROWS * COLS)
-#define QUEUE 16
+#define QUEUE 64
+#define LATE 700000000
 
 #ifdef PACKED
 #pragma pack(push, 4)
@@ -45,12 +46,16 @@ static Camera *opened;
 static int plugged = 1, refuse_frequency, fail_acquires, leave_acquires, wrong_handles, open_count, timeout = 1000;
 static int firmware = 0x97;
 static int64_t now, last_began;
+static int asked, faults[64]; /* what happens to the n-th request (from 1): see stub_fault */
 
 /* levers for the tests */
 void stub_plug(int value) { plugged = value; }
 void stub_refuse_frequency(int value) { refuse_frequency = value; }
 void stub_fail_acquires(int value) { fail_acquires = value; }
 void stub_leave_acquires(int value) { leave_acquires = value; } /* fail, and leave the frame in the queue */
+/* 1: fails, its frame is lost; 2: fails, its frame stays in the queue; 3: its frame is LATE ns late */
+void stub_fault(int number, int kind) { faults[number] = kind; }
+void stub_clear_faults(void) { memset(faults, 0, sizeof faults); asked = 0; }
 void stub_firmware(int value) { firmware = value; }
 void stub_pass(int64_t nanoseconds) { now += nanoseconds; }
 int64_t stub_now(void) { return now; }
@@ -136,8 +141,12 @@ static void expose(Camera *camera) {
 int SR_Acquire(void *handle) {
     Camera *camera = known(handle);
     if (!camera || !plugged) { stub_say("bulk read failed", 3); return -1; }
+    int fault = ++asked < 64 ? faults[asked] : 0;
+    if (fault == 1) { stub_say("bulk read failed", 3); return -1; }
     if (fail_acquires) { fail_acquires--; stub_say("did not get requested bytes", 2); return fail_acquires % 2 ? 0 : -7; }
     expose(camera);
+    if (fault == 2) return -7;
+    if (fault == 3) camera->ready[camera->waiting - 1] += LATE;
     if (leave_acquires) { leave_acquires--; stub_say("did not get requested bytes", 2); return -7; }
     if (camera->ready[0] > now + timeout * (int64_t)1000000) {
         now += timeout * (int64_t)1000000;

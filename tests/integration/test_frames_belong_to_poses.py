@@ -1,5 +1,8 @@
 """No frame from before a movement is given to the pose after it, whatever happens on the bus."""
 
+import ctypes
+import shutil
+import subprocess
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,7 +12,9 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from drivers.clock import VirtualClock
+from drivers.calibration import sr4000_calibration
+from drivers.clock import Clock, VirtualClock
+from drivers.mesasr import MesaCamera
 from drivers.usb import UsbCamera, discovery
 from service.capture.loop import Capture, Grabber, ScanBursts
 from service.capture.plan import make_plan
@@ -36,7 +41,7 @@ PICTURE = scene(144, 176, 1)[2:]
 class LoggedStage(ScriptedStage):
     """Keeps when each movement began and ended."""
 
-    def __init__(self, clock: VirtualClock) -> None:
+    def __init__(self, clock: Clock) -> None:
         super().__init__(clock)
         self.log: list[tuple[int, int, tuple[float, float]]] = []
 
@@ -89,6 +94,20 @@ class Bench:
         assert all(began_to_move >= ended for began_to_move, _, _ in self.stage.log if began_to_move > began)
 
 
+class StubClock:
+    """The time of the stub of the vendor's library."""
+
+    def __init__(self, levers: ctypes.CDLL) -> None:
+        self._levers = levers
+        levers.stub_now.restype = ctypes.c_int64
+
+    def now(self) -> int:
+        return int(self._levers.stub_now())
+
+    def sleep(self, seconds: float) -> None:
+        self._levers.stub_pass(ctypes.c_int64(max(0, round(seconds * 1e9))))
+
+
 class Replugging(VirtualClock):
     """Time in which an unplugged camera is plugged in again after a while."""
 
@@ -127,3 +146,48 @@ def test_one_fault_gives_no_frame_to_another_pose(fault, trigger):
         patch.setattr(discovery, "libusb", lambda: bench.stand_in)
         for exposure in bench.scan():
             bench.check(*exposure)
+
+
+@pytest.fixture(scope="module")
+def stub(tmp_path_factory):
+    """The stub of the vendor's library, compiled."""
+    compiler = shutil.which("gcc") or shutil.which("cc")
+    if compiler is None:
+        pytest.skip("no C compiler")
+    path = tmp_path_factory.mktemp("stub") / "libmesasr.so"
+    source = Path(__file__).parents[1] / "drivers" / "mesasr_stub.c"
+    subprocess.run([compiler, "-shared", "-fPIC", "-O1", "-o", path, source, "-lm"], check=True)
+    return path
+
+
+@given(
+    faults=st.dictionaries(st.integers(1, 24), st.integers(1, 3), max_size=8),
+    mode=st.sampled_from([0x501, 0x101]),
+    settle=st.sampled_from([0.0, 0.02]),
+)
+@settings(max_examples=40, deadline=None, derandomize=True, phases=(Phase.explicit, Phase.generate))
+def test_no_earlier_frame_comes_through_the_vendor_s_library(stub, faults, mode, settle):
+    levers = ctypes.CDLL(str(stub))
+    levers.stub_last_began.restype = ctypes.c_int64
+    levers.stub_clear_faults()
+    for number, kind in faults.items():
+        levers.stub_fault(number, kind)
+    clock = StubClock(levers)
+    stage = LoggedStage(clock)
+    camera = MesaCamera(MesaCamera.Options(library=stub, acquire_mode=mode), clock)
+    rig = Rig(camera, stage, clock, calibration=sr4000_calibration())
+    rig.open()
+    began: list[int] = []
+    grabber = Grabber(rig, 0.3, Event(), lambda _: began.append(levers.stub_last_began()))
+    plan = make_plan(PlanSection(), POSES, rig.calibration.intrinsics)
+    capture = Capture(grabber, ScanBursts(grabber, plan, settle, 10.0))
+    for burst, _ in zip(capture.run(), range(BURSTS), strict=False):
+        assert [frame.pose for frame in burst.frames] == list(range(POSES))
+    rig.close()
+    # each frame that was kept was exposed after the movement before it; of those given up nothing is asked
+    assert len(began) >= BURSTS * POSES
+    for exposure in began:
+        _, arrived, _ = [move for move in stage.log if move[0] <= exposure][-1]
+        assert arrived + round(settle * 1e9) <= exposure
+        ended = exposure + 40_000_000
+        assert all(start >= ended for start, _, _ in stage.log if start > exposure)
