@@ -27,6 +27,10 @@ MAX_DRAINED = 16
 """Buffers after which a camera that was asked for nothing counts as one that does not fall silent."""
 
 
+STREAMED = 2
+"""Frames that a camera which sends by itself may hold back: one exposed, one waiting to be read."""
+
+
 class Exposed(NamedTuple):
     """One frame off the bus; times in ns, images (rows, columns) uint16."""
 
@@ -61,7 +65,7 @@ class FrameReader:
         self._is_clean = False  # another program may have left half a frame behind
         self._owed = False  # a frame that was asked for may still come
         self._is_settled = True
-        self._read_until: int | None = None
+        self._read_until = 0
 
     def settings_changed(self) -> None:
         """Throw the next frame away: its exposure may have begun with the settings before."""
@@ -95,8 +99,7 @@ class FrameReader:
     def _prepare(self, integration_time: float | None) -> int:
         """Make sure that the next request has one answer; returns the ns that it took."""
         started = self._clock.now()
-        if self._is_clean and self._profile.trigger.known and self._lies_ready():
-            log.warning("the camera sent what nobody asked for; it is thrown away")
+        if self._is_clean and self._is_outdated():
             self._is_clean = False
         if not self._is_clean:
             self._resynchronise()
@@ -109,8 +112,8 @@ class FrameReader:
         self._is_clean, self._owed = False, True
         requested = self._clock.now()
         self._link.run(self._profile.trigger.known)
-        if not self._profile.trigger.known and self._read_until is not None:
-            requested = self._read_until  # it sends by itself, and its frame may have waited since
+        if not self._profile.trigger.known:
+            requested = self._read_until  # it sends by itself, and this frame may have waited since
         received = self._read(deadline)
         finished = self._read_until = self._clock.now()
         images = split(self._pixels[:received], self._profile.image)
@@ -141,6 +144,16 @@ class FrameReader:
             received += count
         return received
 
+    def _is_outdated(self) -> bool:
+        """Whether what would be read next was exposed before it is asked for."""
+        if not self._profile.trigger.known:
+            longest = self._profile.exposure_bounds(None)[1]
+            return (self._clock.now() - self._read_until) / 1e9 > longest
+        if self._lies_ready():
+            log.warning("the camera sent what nobody asked for; it is thrown away")
+            return True
+        return False
+
     def _lies_ready(self) -> bool:
         """Whether bytes have come that were not asked for."""
         try:
@@ -159,17 +172,21 @@ class FrameReader:
 
     def _resynchronise(self) -> None:
         """Throw away what is under way, lest it be taken for the answer to the next request."""
-        if self._owed and self._profile.trigger.known:
-            try:
-                self._link.run(self._profile.trigger.known)
-            except StallError:
-                self._link.clear_halt()
         if not self._profile.trigger.known:
-            self._link.read_into(self._rest, CALL_TIMEOUT / 1e3)  # the end of a frame that had begun
+            for _ in range(STREAMED):
+                self._read(self._clock.now() + round(CALL_TIMEOUT * 1e6))
             self._read_until = self._clock.now()
         else:
+            if self._owed:
+                self._ask_again()
             self._drain()
         self._is_clean, self._owed = True, False
+
+    def _ask_again(self) -> None:
+        try:
+            self._link.run(self._profile.trigger.known)
+        except StallError:
+            self._link.clear_halt()
 
     def _drain(self) -> None:
         last = ""

@@ -221,6 +221,26 @@ def test_a_frame_later_than_any_silence_comes_before_the_answer_to_a_later_reque
     assert stand_in.queue == []
 
 
+def test_a_camera_that_sends_by_itself_gives_no_frame_that_it_held_back(bus, clock, tmp_path):
+    text = (FOLDER / "sr4000.toml").read_text()
+    start, end = text.index("[[trigger.value]]"), text.index("[finish]")
+    text = text[:start] + text[end:]
+    (tmp_path / "mine.toml").write_text(text.replace("[trigger]", "[trigger]\nvalue = []"))
+
+    def numbered(number):
+        return (4 * number).to_bytes(2, "little") + scene(144, 176, 1)[2:]
+
+    stand_in = bus(frames=numbered, streams=True, period=0.05)
+    with started(clock, profile=tmp_path / "mine.toml") as cam:
+        for pause in (0.0, 0.0, 0.01, 0.1, 1.0, 0.0, 5.0):
+            clock.sleep(pause)
+            frame = cam.grab()
+            began, ended = stand_in.exposures[int(frame.counts[0, 0]) // 4]
+            assert cam.exposure_start(frame) <= began
+            assert abs(frame.timestamp - (began + ended) // 2) <= frame.timestamp_uncertainty
+            assert clock.now() - began < 0.3e9
+
+
 def test_a_camera_that_does_not_fall_silent_is_told(bus, clock):
     stand_in = bus()
     with started(clock) as cam:

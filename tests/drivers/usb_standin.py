@@ -67,6 +67,7 @@ class StandIn(usb.backend.IBackend):
             comes behind it), `refused` (the trigger itself), `refused exposed` (its answer is lost, the frame
             is not), `doubled` (sent twice), `exposed twice`, `garbage`, `half-garbage`, `constant`, `rolled`,
             `swapped`, `unplug`.
+        streams: exposes frame after frame by itself, and holds two while nobody reads.
         ahead: seconds before the trigger at which the exposure begins, in a camera that runs by itself.
 
     Attributes:
@@ -89,6 +90,7 @@ class StandIn(usb.backend.IBackend):
         record: bool = True,
         ahead: float = 0.0,
         number_by_exposure: bool = False,
+        streams: bool = False,
     ) -> None:
         self.ids, self.shape, self.planes, self.bulk_in = ids, shape, planes, bulk_in
         self.clock = clock or SystemClock()
@@ -100,6 +102,7 @@ class StandIn(usb.backend.IBackend):
         self.record = record
         self.ahead = ahead
         self.number_by_exposure = number_by_exposure
+        self.streams = streams
         self.exposures: dict[int, tuple[int, int]] = {}
         self.log: list[Transfer] = []
         self.plugged = True
@@ -285,7 +288,16 @@ class StandIn(usb.backend.IBackend):
             self.queue.append((again, self.frames(number + 1)))
         return errno.EPIPE if fault == "refused exposed" else 0
 
+    def _fill(self) -> None:
+        """Expose by itself, one frame after the other, until two wait."""
+        while self.streams and len(self.queue) < 2:
+            number = len(self.exposures) + 1
+            began = max(self.clock.now(), self.exposures[number - 1][1] if number > 1 else 0)
+            self.exposures[number] = (began, began + round(self.period * 1e9))
+            self.queue.append((self.exposures[number][1], self.frames(number)))
+
     def _deliver(self, length: int, timeout: float) -> tuple[bytes, int]:
+        self._fill()
         if self.halted:
             return b"", errno.EPIPE
         wait = (self.queue[0][0] - self.clock.now()) / 1e9 if self.queue else timeout
@@ -294,6 +306,7 @@ class StandIn(usb.backend.IBackend):
             return b"", errno.ETIMEDOUT
         self.clock.sleep(wait)
         content = self.queue.pop(0)[1]
+        self._fill()
         if content == b"stall":
             self.halted = True
             return b"", errno.EPIPE
@@ -334,21 +347,21 @@ def _damaged(content: bytes, fault: str, planes: int) -> list[bytes]:
     noise = np.random.default_rng(1).bytes
     plane = len(content) // planes
     lost = 512 * 25
-    parts = {
-        "short": [content[:half]],
-        "late": [content[:half], content[half:]],
-        "stall": [b"stall"],
-        "eio": [b"eio"],
-        "stall queued": [b"stall", content],
-        "eio queued": [b"eio", content],
-        "doubled": [content, content],
-        "garbage": [noise(len(content))],
-        "half-garbage": [content[:half] + _half_noise(content[half:])],
-        "constant": [bytes(len(content))],
-        "rolled": [content[lost:] + content[:lost]],
-        "swapped": [content[plane:] + content[:plane]],
+    parts: dict[str, Callable[[], list[bytes]]] = {
+        "short": lambda: [content[:half]],
+        "late": lambda: [content[:half], content[half:]],
+        "stall": lambda: [b"stall"],
+        "eio": lambda: [b"eio"],
+        "stall queued": lambda: [b"stall", content],
+        "eio queued": lambda: [b"eio", content],
+        "doubled": lambda: [content, content],
+        "garbage": lambda: [noise(len(content))],
+        "half-garbage": lambda: [content[:half] + _half_noise(content[half:])],
+        "constant": lambda: [bytes(len(content))],
+        "rolled": lambda: [content[lost:] + content[:lost]],
+        "swapped": lambda: [content[plane:] + content[:plane]],
     }
-    return parts.get(fault, [content])
+    return parts[fault]() if fault in parts else [content]
 
 
 def _half_noise(content: bytes) -> bytes:
