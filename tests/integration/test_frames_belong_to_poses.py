@@ -7,6 +7,7 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 from threading import Event
+from typing import Any
 
 import pytest
 from hypothesis import Phase, given, settings
@@ -25,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "drivers"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "service"))
 
 from scripted import ScriptedStage
-from usb_standin import StandIn, scene
+from usb_standin import SR2_IDS, SR4000_IDS, StandIn, scene
 
 POSES, BURSTS = 4, 2
 
@@ -35,7 +36,11 @@ FAULTS = (
     "unplug",
 )  # fmt: skip
 
-PICTURE = scene(144, 176, 1)[2:]
+SR4000 = {"ids": SR4000_IDS}
+SR2B = {"ids": SR2_IDS, "shape": (160, 124), "planes": 3, "bulk_in": 0x88}
+"""The integration time of the first is unknown (at most 25.8 ms), that of the second is set to 10 ms."""
+
+PICTURES = {SR4000_IDS: scene(144, 176, 1)[2:], SR2_IDS: scene(160, 124, 1, 3)[2:]}
 
 
 class LoggedStage(ScriptedStage):
@@ -54,7 +59,14 @@ class LoggedStage(ScriptedStage):
 class Bench:
     """A scan with the real USB driver; each picture carries the number of its exposure."""
 
-    def __init__(self, faults: Mapping[int, str], period: float, ahead: float, settle: float) -> None:
+    def __init__(
+        self,
+        faults: Mapping[int, str],
+        period: float,
+        ahead: float,
+        settle: float,
+        camera: Mapping[str, Any] = SR4000,
+    ) -> None:
         self.settle = round(settle * 1e9)
         clock = Replugging(self)
         self.stand_in = StandIn(
@@ -62,13 +74,16 @@ class Bench:
             period=period,
             ahead=ahead,
             faults=faults,
-            frames=lambda number: (4 * number).to_bytes(2, "little") + PICTURE,
+            frames=lambda number: (4 * number).to_bytes(2, "little") + PICTURES[camera["ids"]],
             number_by_exposure=True,
             record=False,
+            **camera,
         )
         self.stage = LoggedStage(clock)
-        camera = UsbCamera(UsbCamera.Options(allow_inferred=True), clock)
-        self.rig = Rig(camera, self.stage, clock)
+        model = "SR2B" if camera is SR2B else None
+        self.rig = Rig(
+            UsbCamera(UsbCamera.Options(allow_inferred=True, model=model), clock), self.stage, clock
+        )
         self.stop = Event()
 
     def scan(self) -> list[tuple[int, int, tuple[float, float]]]:
@@ -123,13 +138,16 @@ class Replugging(VirtualClock):
 
 @given(
     faults=st.dictionaries(st.integers(1, 24), st.sampled_from(FAULTS), max_size=10),
+    camera=st.sampled_from([SR4000, SR2B]),
     period=st.floats(0.02, 0.1),
     ahead=st.floats(0, 1),
     settle=st.sampled_from([0.0, 0.02, 0.1]),
 )
 @settings(max_examples=25, deadline=None, derandomize=True, phases=(Phase.explicit, Phase.generate))
-def test_no_frame_from_before_a_movement_is_given_to_the_pose_after_it(faults, period, ahead, settle):
-    bench = Bench(faults, period, ahead * period, settle)
+def test_no_frame_from_before_a_movement_is_given_to_the_pose_after_it(camera, faults, period, ahead, settle):
+    if camera is SR2B:
+        period = 4 * 10e-3
+    bench = Bench(faults, period, ahead * period, settle, camera)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(discovery, "libusb", lambda: bench.stand_in)
         found = bench.scan()
