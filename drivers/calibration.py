@@ -211,6 +211,19 @@ class Calibration(_Part):
         partial.replace(path)
 
 
+def sr2b_calibration() -> Calibration:
+    """Nominal SR2B: 124 × 160 pixels of 54.8 µm × 39.2 µm behind an 8 mm lens, centre (62, 80).
+
+    Source: camDataSR2B.xml in the vendor's Linux package (pixel counts, sizes and centre column first).
+    """
+    return Calibration(
+        width=124,
+        height=160,
+        intrinsics=Intrinsics(fx=8e-3 / 54.8e-6, fy=8e-3 / 39.2e-6, cx=62.0, cy=80.0),
+        source="nominal SR2B optics",
+    )
+
+
 def sr3000_calibration() -> Calibration:
     """Nominal SR3000: 176 × 144 pixels of 40 µm behind an 8 mm lens, so f = 200 pixels, centred."""
     return Calibration(
@@ -235,4 +248,15 @@ def sr4000_calibration() -> Calibration:
         distortion=(-0.92985, 0.75388, 0.0, 0.0, -0.17835),
         noise=NoiseLaw(coefficient=3.8),
         source="measured on public SR4000 frames",
+    )
+
+
+def sr4500_calibration() -> Calibration:
+    """One SR4500, as a public driver has it (OpenPTrack, SR4500_calib.yaml); each camera differs a little."""
+    return Calibration(
+        width=176,
+        height=144,
+        intrinsics=Intrinsics(fx=148.907, fy=148.635, cx=87.308, cy=70.886),
+        distortion=(-0.37008, 0.16793, 0.00031, -0.0002),
+        source="one SR4500 of a public driver (OpenPTrack)",
     )

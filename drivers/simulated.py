@@ -175,6 +175,9 @@ class SimulatedCamera(Camera):
     def _exposure(self, settings: CameraSettings) -> int:
         return round((SAMPLES * settings.integration_time + self.options.readout) * 1e9)
 
+    def _longest_exposure(self, integration_time: float | None) -> float:
+        return super()._longest_exposure(integration_time) + self.options.readout
+
     def _period(self, settings: CameraSettings) -> int:
         return self._exposure(settings) if settings.frame_rate is None else round(1e9 / settings.frame_rate)
 
