@@ -154,16 +154,20 @@ def calibrate_distance(
     is_checked = min(map(len, walls)) > 1
     if per_pixel and not is_checked:
         left.append("pixel pattern left out: one frame of a wall does not tell it from noise; take more")
-    pattern = None
-    if per_pixel and is_checked:
-        solved, pattern = _with_pattern(fit, solved, kept)
-    constant, terms, _ = fit.read(solved, kept)
-    noise = np.zeros(len(walls))
+    pattern, noise = None, np.zeros(len(walls))
     if is_checked:
         noise = fit.noise_rms() / np.sqrt([len(frames) // 2 for frames in walls])
-        before, after = _held_out(walls, given, calibration, kept, pattern is not None)
+        before, after = _held_out(walls, given, calibration, kept)
     else:
         before, after = fit.wall_rms(plain, ()), fit.wall_rms(solved, kept)
+    if per_pixel and is_checked:
+        _, patterned = _held_out(walls, given, calibration, kept, per_pixel)
+        if _mean(patterned) < _mean(after):
+            after = patterned
+            solved, pattern = _with_pattern(fit, solved, kept)
+        else:
+            left.append("pixel pattern left out: none stands out of the noise")
+    constant, terms, _ = fit.read(solved, kept)
     return DistanceFit(
         corrections=Corrections(
             constant=constant,
@@ -206,7 +210,7 @@ def _held_out(
     distances: Sequence[float | None],
     calibration: Calibration,
     harmonics: Sequence[int],
-    per_pixel: bool,
+    per_pixel: bool = False,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(K,) residuals of each wall before and after: of every second frame by a fit to the others."""
     before, after = [], []

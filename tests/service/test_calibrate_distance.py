@@ -155,11 +155,12 @@ def test_single_frames_give_no_pattern_and_say_so(walls):
     assert "one frame of a wall does not tell it from noise" in str(fit)
 
 
-def test_a_pattern_is_judged_on_frames_it_was_not_fitted_to():
-    plain = [wall(1.5, count=2, error=lambda measured: 0.0 * measured)]
+def test_noise_is_no_pattern():
+    plain = [wall(1.5, count=4, error=lambda measured: 0.0 * measured)]
     fit = calibrate_distance(plain, CAMERA, (1.5,))
-    # One frame's noise learnt as a pattern doubles the variance of the other's.
-    assert fit.after == pytest.approx(np.sqrt(2) * fit.noise, rel=0.1)
+    assert fit.corrections.per_pixel == ()
+    assert "none stands out of the noise" in str(fit)
+    assert fit.after == pytest.approx(fit.noise, rel=0.03)
 
 
 def test_a_camera_that_turned_is_refused(walls):
