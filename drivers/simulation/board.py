@@ -20,6 +20,11 @@ TILTS = (
 )  # fmt: skip
 """Yaw, pitch and roll of one view after the other, degrees."""
 
+PLACES = (
+    (0, 0), (-1, -1), (1, 1), (1, -1), (-1, 1), (0, -1), (0, 1), (-1, 0), (1, 0)
+)  # fmt: skip
+"""Middle, corners and sides of the image, right and down."""
+
 FILLS = (0.62, 0.72, 0.55, 0.66)
 """Of the image, by the board's fields and half a field around them."""
 
@@ -86,14 +91,19 @@ def shown(board: Chessboard, pose: BoardPose) -> list[Surface]:
 def board_views(board: Chessboard, count: int, calibration: Calibration) -> list[BoardPose]:
     """Poses that calibrate optics: all over the image, near, tilted every way, and whole in view.
 
-    Each place in the image comes with another tilt; the board fills `FILLS` of the image's width, and is
-    moved from the middle towards its place as far as its paper stays in the image.
+    Each of `PLACES` comes with another tilt every time; the board fills `FILLS` of the image's width, and is
+    moved from the middle towards its place as far as it stays in the image.
     """
-    places = 2 * ((0.5 + np.arange(count)[:, None] * [0.7548776662, 0.5698402910]) % 1.0) - 1
-    places = np.sign(places) * np.abs(places) ** 0.5  # rather at the border than in the middle
+    rounds = [(k, k // len(PLACES)) for k in range(count)]
     return [
-        _placed(board, TILTS[k % len(TILTS)], FILLS[k % len(FILLS)], place, calibration)
-        for k, place in enumerate(places)
+        _placed(
+            board,
+            TILTS[(k + lap) % len(TILTS)],
+            FILLS[k % len(FILLS)],
+            np.array(PLACES[k % len(PLACES)]),
+            calibration,
+        )
+        for k, lap in rounds
     ]
 
 
@@ -101,7 +111,7 @@ def _placed(
     board: Chessboard,
     tilt: tuple[float, float, float],
     fill: float,
-    place: NDArray[np.float64],
+    place: NDArray[np.int_],
     calibration: Calibration,
 ) -> BoardPose:
     k, (height, width) = calibration.intrinsics, calibration.shape

@@ -55,7 +55,7 @@ class DistanceFit:
         noise: what of `after` is noise of the frames, metres; None = not known of single frames.
         walls: (K,) residual of each wall with the corrections and without the noise, metres.
         distances: perpendicular distance of each wall as fitted, metres.
-        profile: (2, M) measured distance and error left by a fit of constant alone, metres.
+        profile: (2, M) measured distance and mean error there, metres.
         is_known: whether distances were given.
         ambiguity_range: metres.
     """
@@ -182,7 +182,7 @@ def calibrate_distance(
         noise=_mean(noise) if is_checked else None,
         walls=tuple(map(float, np.sqrt(np.maximum(after**2 - noise**2, 0)))),
         distances=tuple(float(1 / np.linalg.norm(q)) for q in solved.planes),
-        profile=fit.profile(plain),
+        profile=fit.profile(solved, kept),
         is_known=distances is not None,
         ambiguity_range=fit.ambiguity_range,
     )

@@ -191,16 +191,18 @@ class WallFit:
         """
         return self._iterate(harmonics, pattern, solution.planes, solution.shared, fixed=True)
 
-    def profile(self, solution: Solution) -> NDArray[np.float64]:
-        """(2, M) expected measured distance and residual plus constant, in up to 60 bins of distance.
+    def profile(self, solution: Solution, harmonics: Sequence[int]) -> NDArray[np.float64]:
+        """(2, M) expected measured distance and what it is off the planes, in up to 60 bins of distance.
 
         Binned by what is expected: among like distances, those that measured near would have low errors.
         """
         expected, errors = [], []
         for k, (measured, on) in enumerate(self._measured()):
-            error, _ = self._linearised(solution.planes[k], solution.shared, measured[on], on, (), None)
+            error, _ = self._linearised(
+                solution.planes[k], solution.shared, measured[on], on, harmonics, None
+            )
             expected.append(measured[on] - error)
-            errors.append(error + solution.shared[0])
+            errors.append(measured[on] - 1 / (self._rays[on] @ solution.planes[k]))
         distance, error = np.concatenate(expected), np.concatenate(errors)
         groups = [group for group in np.array_split(np.argsort(distance), 60) if group.size]
         return np.array([[distance[g].mean() for g in groups], [error[g].mean() for g in groups]])
