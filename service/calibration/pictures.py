@@ -70,8 +70,8 @@ def _draw_mount(figure: Figure, fit: MountFit) -> None:
     _scatter(scatter, fit.residuals, fit.error)
     ahead = camera_rotation(0.0, 0.0, fit.mount)[:, 2]
     arm = 1e3 * np.array(fit.mount.lever_arm)
-    reach = 1.4 * max(50.0, float(np.abs(arm).max()))
-    for axes, across, title, label in ((top, 0, "from above", "right, mm"), (side, 1, "from the left", "")):
+    reach = 2.5 * max(50.0, float(np.abs(arm).max()))
+    for axes, across, title, label in ((top, 0, "from above", "right, mm"), (side, 1, "from the right", "")):
         axes.axhline(0, color="0.8", linewidth=0.5)
         axes.axvline(0, color="0.8", linewidth=0.5)
         axes.plot(0, 0, "k+", markersize=14, label="stage's axes")
@@ -105,30 +105,32 @@ def _draw_noise(figure: Figure, fit: NoiseFit) -> None:
 
 def _draw_distance(figure: Figure, fit: DistanceFit) -> None:
     found = fit.corrections
-    profile, walls, *pattern = figure.subplots(1, 3 if found.per_pixel else 2)
+    widths = (1.0, 0.8, 1.4) if found.per_pixel else (1.0, 1.0)
+    profile, walls, *pattern = figure.subplots(1, len(widths), width_ratios=widths)
     distance, error = fit.profile
     profile.plot(distance, 1e3 * error, "o", markersize=3, label="walls, mean error")
     at = np.linspace(distance.min(), distance.max(), 400)
     smooth = found.model_copy(update={"per_pixel": ()}).error(at, fit.ambiguity_range)
     profile.plot(at, 1e3 * smooth, "-", label="constant and cyclic")
     profile.set(xlabel="measured distance, m", ylabel="error, mm", title="error by distance")
-    if np.ptp(smooth) < 1e-3:
-        profile.set_ylim(1e3 * smooth.mean() - 10, 1e3 * smooth.mean() + 10)
-    profile.legend()
+    low, high = 1e3 * min(smooth.min(), error.min()), 1e3 * max(smooth.max(), error.max())
+    room = max(10.0, high - low)
+    profile.set_ylim(low - 0.1 * room, high + 0.35 * room)  # room for the legend
+    profile.legend(loc="upper left")
     numbers = np.arange(1, len(fit.walls) + 1)
     walls.bar(numbers, 1e3 * np.array(fit.walls))
     walls.set(
         xlabel="wall",
-        ylabel="residual beside noise, mm",
+        ylabel="residual without noise, mm",
         xticks=numbers,
         ylim=(0, max(10.0, 1.2e3 * max(fit.walls))),
-        title=f"{1e3 * fit.before:.1f} mm before, {1e3 * fit.after:.1f} mm after, noise included",
+        title=f"residual {1e3 * fit.before:.1f} mm before,\n{1e3 * fit.after:.1f} mm after, with noise",
     )
     for axes in pattern:
         image = 1e3 * np.array(found.per_pixel)
         limit = float(np.percentile(np.abs(image), 99)) or 1.0
         shown = axes.imshow(image, cmap="coolwarm", vmin=-limit, vmax=limit)
-        figure.colorbar(shown, ax=axes, label="mm", location="bottom")
+        figure.colorbar(shown, ax=axes, label="mm", shrink=0.7)
         axes.set(title=f"pattern of the pixels, {image.std():.1f} mm RMS", xlabel="column", ylabel="row")
 
 
