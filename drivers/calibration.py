@@ -56,6 +56,20 @@ class Corrections(_Part):
         (), description="Offset of each pixel, metres; empty = none."
     )
 
+    def __bool__(self) -> bool:
+        """Whether there is any."""
+        return bool(self.constant or self.cyclic or self.per_pixel)
+
+    def error(self, distance: NDArray[np.floating], ambiguity_range: float) -> NDArray[np.float64]:
+        """(H, W) metres by which measured distances (H, W) are too long."""
+        error = np.full(distance.shape, self.constant)
+        for term in self.cyclic:
+            phase = 2 * np.pi * term.harmonic * distance / ambiguity_range + term.phase
+            error += term.amplitude * np.sin(phase)
+        if self.per_pixel:
+            error += np.asarray(self.per_pixel)
+        return error
+
 
 class Mount(_Part):
     """How the camera sits on the stage, at pan = tilt = 0.
@@ -136,15 +150,9 @@ class Calibration(_Part):
         Returns:
             (H, W) float32 metres in [0, ambiguity_range).
         """
-        known = self.corrections
-        if not (known.constant or known.cyclic or known.per_pixel):
+        if not self.corrections:
             return distance
-        error = np.full(distance.shape, known.constant)
-        for term in known.cyclic:
-            phase = 2 * np.pi * term.harmonic * distance / ambiguity_range + term.phase
-            error += term.amplitude * np.sin(phase)
-        if known.per_pixel:
-            error += np.asarray(known.per_pixel)
+        error = self.corrections.error(distance, ambiguity_range)
         corrected: NDArray[np.float32] = np.mod(distance - error, ambiguity_range).astype(np.float32)
         return corrected
 
