@@ -33,6 +33,10 @@ class DeviceTimeoutError(OperationError, TimeoutError):
     """No frame, or no end of a movement, within the time allowed."""
 
 
+class MotionStoppedError(OperationError):
+    """A stage was told to stop in the middle of a movement; it stands still."""
+
+
 class EndOfRecordingError(OperationError):
     """A camera that plays a recording has no frame left."""
 

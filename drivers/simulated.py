@@ -10,12 +10,12 @@ from drivers.clock import Clock
 from drivers.device import BackendOptions
 from drivers.errors import DeviceTimeoutError, InitialisationError
 from drivers.frame import Frame
+from drivers.position import Position
 from drivers.settings import CameraSettings, Capabilities
 from drivers.simulation.render import Renderer, Truth
 from drivers.simulation.scenes import SCENES, build_scene
 from drivers.simulation.sensor import GAIN, expose, noise_coefficient
 from drivers.simulation.stage import SimulatedStage
-from drivers.stage import Position
 
 __all__ = ["SimulatedCamera", "SimulatedStage"]
 

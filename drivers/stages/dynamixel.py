@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import degrees, radians, tau
+from math import tau
 
 from pydantic import Field
 
-from drivers.errors import DeviceLostError, DeviceTimeoutError, InitialisationError
-from drivers.stage import Limits, Position
+from drivers.errors import DeviceLostError, InitialisationError
+from drivers.position import Limits, Position
 from drivers.stages.dynamixel_bus import DynamixelBus
 from drivers.stages.serial_stage import SerialOptions, SerialStage, Sign
 
@@ -43,8 +43,6 @@ class DynamixelOptions(SerialOptions):
     tilt_sign: Sign = Field(1, description="1 where the servo counts upwards when it turns up, else -1.")
     pan_zero: int = Field(2048, description="Position of pan 0°, counts of 360°/4096.")
     tilt_zero: int = Field(2048, description="Position of tilt 0°, counts of 360°/4096.")
-    pan_limits: tuple[float, float] | None = Field(None, description="Degrees; none = the servo's own.")
-    tilt_limits: tuple[float, float] | None = Field(None, description="Degrees; none = the servo's own.")
     tolerance: int = Field(
         4, ge=0, le=64, description="Counts off its goal at which a loaded servo counts as arrived."
     )
@@ -76,16 +74,16 @@ class DynamixelStage(SerialStage):
         self._bus = DynamixelBus(self._line, self.clock)
         self._goals: tuple[int, ...] | None = None
         options = self.options
-        self._pan = self._axis(options.pan_id, options.pan_zero, options.pan_sign, options.pan_limits)
+        self._pan = self._axis(options.pan_id, options.pan_zero, options.pan_sign)
         self._tilt = (
             None
             if options.tilt_id is None
-            else self._axis(options.tilt_id, options.tilt_zero, options.tilt_sign, options.tilt_limits)
+            else self._axis(options.tilt_id, options.tilt_zero, options.tilt_sign)
         )
         self._axes = [axis for axis in (self._pan, self._tilt) if axis is not None]
         self._hold()
 
-    def _axis(self, servo: ServoId, zero: int, sign: Sign, limits: tuple[float, float] | None) -> Axis:
+    def _axis(self, servo: ServoId, zero: int, sign: Sign) -> Axis:
         try:
             self._bus.ping(servo)
             mode = self._bus.read(servo, *OPERATING_MODE)
@@ -101,13 +99,7 @@ class DynamixelStage(SerialStage):
             low, high = zero - COUNTS_PER_TURN // 2, zero + COUNTS_PER_TURN // 2
         whole = Axis(servo, zero, sign, (0.0, 0.0))
         reach = sorted((whole.angle(low), whole.angle(high)))
-        start, end = reach if limits is None else map(radians, limits)
-        if start >= end or (mode == 3 and not reach[0] <= start < end <= reach[1]):
-            raise InitialisationError(
-                f"{self._line.name}: Dynamixel {servo} cannot have limits {degrees(start):g}° to "
-                f"{degrees(end):g}°: its own reach from {degrees(reach[0]):g}° to {degrees(reach[1]):g}°"
-            )
-        return Axis(servo, zero, sign, (start, end))
+        return Axis(servo, zero, sign, (reach[0], reach[1]))
 
     def _hold(self) -> None:
         for axis in self._axes:
@@ -133,16 +125,15 @@ class DynamixelStage(SerialStage):
                     "it, open it again and home it"
                 )
 
-    def _wait(self, timeout: float) -> None:
-        deadline = self.clock.now() + round(timeout * 1e9)
-        while not self._has_arrived():
-            if self.clock.now() >= deadline:
-                self._raise_if_let_go()
-                raise DeviceTimeoutError(
-                    f"{self._line.name}: sent to {self._goals}, at {self._counts()} counts after "
-                    f"{timeout:g} s; check that nothing blocks it"
-                )
-            self.clock.sleep(POLL_SECONDS)
+    def _remaining(self) -> float:
+        return 0.0 if self._has_arrived() else POLL_SECONDS
+
+    def _stop(self) -> None:
+        for axis in self._axes:
+            self._bus.write(axis.servo, *GOAL_POSITION, self._bus.read(axis.servo, *PRESENT_POSITION))
+
+    def _homing(self) -> str:
+        return "turns to 0°, 0°"
 
     def _has_arrived(self) -> bool:
         if self._goals is None:
@@ -163,5 +154,4 @@ class DynamixelStage(SerialStage):
 
     def _home(self) -> None:
         self._hold()
-        self._move_to(0.0, 0.0)
-        self._wait(HOME_SECONDS)
+        self._goals = None

@@ -13,14 +13,13 @@ from typing import Literal
 
 from pydantic import Field
 
-from drivers.errors import DeviceTimeoutError, InitialisationError, LimitError, OperationError
-from drivers.stage import Limits, Position
+from drivers.errors import InitialisationError, LimitError, OperationError
+from drivers.position import Limits, Position
 from drivers.stages.grbl_dialogue import GrblDialogue
 from drivers.stages.grbl_messages import BUILD_OPTIONS, SETTING, Vector
 from drivers.stages.serial_stage import SerialOptions, SerialStage, Sign
 
 AxisName = Literal["X", "Y", "Z"]
-DegreeRange = tuple[float, float]
 
 POLL_SECONDS = 0.2
 """Grbl's manual asks for no more than five status reports a second."""
@@ -40,8 +39,6 @@ class GrblOptions(SerialOptions):
     tilt_zero: float | None = Field(
         None, description="Machine position of tilt 0°, degrees; none = the middle of the travel."
     )
-    pan_limits: DegreeRange | None = Field(None, description="Degrees; none = the travel that Grbl knows.")
-    tilt_limits: DegreeRange | None = Field(None, description="Degrees; none = the travel that Grbl knows.")
     home_timeout: float = Field(60.0, gt=0, le=600, description="Seconds that the homing cycle may take.")
 
 
@@ -96,11 +93,9 @@ class GrblStage(SerialStage):
         self._has_switches = settings.get(22) == 1
         positive = self._positive_axes(settings) if self._has_switches else 0
         options = self.options
-        self._pan = self._axis(
-            options.pan_axis, options.pan_sign, options.pan_zero, options.pan_limits, settings, positive
-        )
+        self._pan = self._axis(options.pan_axis, options.pan_sign, options.pan_zero, settings, positive)
         self._tilt = options.tilt_axis and self._axis(
-            options.tilt_axis, options.tilt_sign, options.tilt_zero, options.tilt_limits, settings, positive
+            options.tilt_axis, options.tilt_sign, options.tilt_zero, settings, positive
         )
         if self._has_switches or self._grbl.status().state == "Alarm":
             self._declare_unknown("the controller was reset when its port was opened")
@@ -122,7 +117,6 @@ class GrblStage(SerialStage):
         letter: AxisName,
         sign: Sign,
         zero: float | None,
-        limits: DegreeRange | None,
         settings: Mapping[int, float],
         positive: int,
     ) -> Axis:
@@ -139,13 +133,7 @@ class GrblStage(SerialStage):
             low, high = (0.0, travel) if positive >> index & 1 else (-travel, 0.0)
         zero = (low + high) / 2 if zero is None else zero
         reach = sorted((sign * (low - zero), sign * (high - zero)))
-        start, end = limits if limits is not None else reach
-        if not reach[0] <= start < end <= reach[1]:
-            raise InitialisationError(
-                f"{self._line.name}: axis {letter} cannot have limits {start:g}° to {end:g}°: the travel "
-                f"that Grbl knows (${130 + index}={travel:g}) reaches from {reach[0]:g}° to {reach[1]:g}°"
-            )
-        return Axis(letter, steps, zero, sign, start, end)
+        return Axis(letter, steps, zero, sign, reach[0], reach[1])
 
     def _set_modes(self) -> None:
         self._grbl.command("G21 G90 G94")
@@ -157,6 +145,7 @@ class GrblStage(SerialStage):
         return max(radians(1 / axis.steps) for axis in (self._pan, self._tilt) if axis)
 
     def _move_to(self, pan: float, tilt: float) -> None:
+        self._arrived = 0
         self._target = self._pan.target(pan), self._tilt.target(tilt) if self._tilt else 0.0
         # G53: machine coordinates, whatever work offset an earlier program has left behind.
         words = [f"G53 G0 {self._pan.letter}{self._target[0]:.4f}"]
@@ -164,25 +153,22 @@ class GrblStage(SerialStage):
             words.append(f"{self._tilt.letter}{self._target[1]:.4f}")
         self._grbl.command(" ".join(words))
 
-    def _wait(self, timeout: float) -> None:
-        """Poll until idle at the target, twice in a row: the first idle may precede the movement."""
+    def _remaining(self) -> float:
+        """Idle at the target twice in a row: the first idle may precede the movement."""
         if self._target is None:
-            return
-        deadline = self.clock.now() + round(timeout * 1e9)
-        arrived = 0
-        while True:
-            status = self._grbl.status()
-            self._raise_if_locked(status.state)
-            assert status.machine is not None
-            arrived = arrived + 1 if status.state == "Idle" and self._is_there(status.machine) else 0
-            if arrived == 2:
-                return
-            if self.clock.now() >= deadline:
-                raise DeviceTimeoutError(
-                    f"{self._line.name}: not at its target after {timeout:g} s: {status.state} at "
-                    f"{', '.join(f'{value:.3f}°' for value in status.machine)}"
-                )
-            self.clock.sleep(POLL_SECONDS)
+            return 0.0
+        status = self._grbl.status()
+        self._raise_if_locked(status.state)
+        assert status.machine is not None
+        there = status.state == "Idle" and self._is_there(status.machine)
+        self._arrived = self._arrived + 1 if there else 0
+        return 0.0 if self._arrived == 2 else POLL_SECONDS
+
+    def _stop(self) -> None:
+        self._line.send(b"!")
+
+    def _homing(self) -> str:
+        return "homes"
 
     def _raise_if_locked(self, state: str) -> None:
         if state in ("Alarm", "Sleep"):
@@ -207,5 +193,4 @@ class GrblStage(SerialStage):
             raise OperationError(f"{self._line.name}: the controller did not come back from its reset")
         self._grbl.command("$H" if self._has_switches else "$X", self.options.home_timeout, attempts=1)
         self._set_modes()
-        self._move_to(0.0, 0.0)
-        self._wait(self.options.home_timeout)
+        self._target = None

@@ -8,7 +8,7 @@ from math import degrees, radians, sqrt
 from pydantic import Field
 
 from drivers.errors import DeviceTimeoutError, InitialisationError
-from drivers.stage import Limits, Position
+from drivers.position import Limits, Position
 from drivers.stages.ptu_dialogue import ANSWER_SECONDS, PtuDialogue
 from drivers.stages.serial_stage import SerialOptions, SerialStage
 

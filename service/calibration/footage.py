@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from drivers.calibration import Calibration
 from drivers.frame import Frame
+from drivers.position import Position
 from drivers.recording import open_recording
-from drivers.stage import Position
 from service.calibration.board import Board, Sighting, find_board
 from service.calibration.intrinsics import is_new
 from service.calibration.mount import View
