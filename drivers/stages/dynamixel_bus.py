@@ -17,8 +17,8 @@ from drivers.stages.serial_line import SerialLine
 
 PING, READ, WRITE = 1, 2, 3
 
-ANSWER_SECONDS = 0.2
-"""Packets take 8 ms at 57600 baud, USB adapters add up to 16 ms."""
+ANSWER_SECONDS = 0.1
+"""Question and answer take 55 ms at 9600 baud, USB adapters add up to 16 ms."""
 
 LIMIT = 6
 
@@ -68,9 +68,10 @@ class Drive:
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """Whether a servo holds its axis, and the bits of its hardware error status."""
+    """Whether a servo holds its axis, what it answers (2 = everything), its hardware error status."""
 
     torque: bool
+    status_return_level: int
     hardware_error: int
 
 
@@ -96,6 +97,7 @@ class DynamixelBus:
         self._line = line
         self._clock = clock
         self._motion_bytes = cycle(MOTION_BYTES)
+        self._owed = False
         self.alerted: set[int] = set()
 
     def ping(self, device: int) -> None:
@@ -113,7 +115,7 @@ class DynamixelBus:
     def condition(self, device: int) -> Condition:
         """Whether the servo holds its axis, and what is wrong with it."""
         data = self._read(device, *CONDITION)
-        return Condition(bool(data[0]), data[6])
+        return Condition(bool(data[0]), data[4], data[6])
 
     def motion(self, device: int) -> Motion:
         """Where the servo stands; lengths that go round keep older answers from being taken for this one."""
@@ -142,11 +144,11 @@ class DynamixelBus:
 
     def _exchange(self, packet: Packet, size: int) -> bytes:
         for _ in range(2):  # once more where noise spoilt it
-            self._line.pending()  # late answers and noise
+            if self._owed:
+                self._catch_up(packet.device)
             answer = self._ask(packet, size)
             if answer is not None:
                 return answer
-            self._catch_up(packet.device)
         raise DeviceLostError(
             f"{self._line.name}: Dynamixel {packet.device} does not answer; check its power, its cable, "
             "its id and the baud rate (57600 as delivered), then close it and open it again"
@@ -160,6 +162,8 @@ class DynamixelBus:
 
     def _ask(self, packet: Packet, size: int) -> bytes | None:
         """Parameters of the status packet that answers; an adapter's echo of our own packet is skipped."""
+        self._line.pending()  # late answers and noise
+        self._owed = True
         self._line.send(encode(packet))
         data = b""
         deadline = self._clock.now() + round(ANSWER_SECONDS * 1e9)
@@ -173,8 +177,10 @@ class DynamixelBus:
                     continue
                 error, answer = found.parameters[0], found.parameters[1:]
                 if error & ~ALERT and not answer:
+                    self._owed = False
                     raise self._refusal(packet.device, error & ~ALERT)
                 if len(answer) == size:
+                    self._owed = False
                     (self.alerted.add if error & ALERT else self.alerted.discard)(packet.device)
                     return answer
         return None

@@ -49,8 +49,8 @@ def decode(data: bytes) -> tuple[Packet | None, bytes]:
             return None, data
         end = 7 + int.from_bytes(data[5:7], "little")
         if end > len(data):
-            # A length that noise has blown up would wait for ever: no packet here is longer than 32 bytes.
-            if end <= 32:
+            # A length that noise has blown up would wait for ever: no packet here is longer than 40 bytes.
+            if end <= 40:
                 return None, data
         elif crc16(data[: end - 2]) == int.from_bytes(data[end - 2 : end], "little") and end >= 10:
             body = data[7 : end - 2].replace(HEADER + b"\xfd", HEADER)
