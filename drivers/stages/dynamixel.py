@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from drivers.errors import DeviceLostError, InitialisationError, OperationError
 from drivers.position import Limits, Position
 from drivers.stages.dynamixel_axis import COUNTS_PER_TURN, Axis, check_drive, hardware_error, make_axis
-from drivers.stages.dynamixel_bus import DynamixelBus, Motion
+from drivers.stages.dynamixel_bus import ATTEMPTS, DynamixelBus, Motion
 from drivers.stages.serial_stage import SerialOptions, SerialStage, Sign
 
 POLL_SECONDS = 0.02
@@ -154,8 +154,8 @@ class DynamixelStage(SerialStage):
                 "open it again"
             )
 
-    def _motion(self, axis: Axis) -> Motion:
-        found = self._bus.motion(axis.servo)
+    def _motion(self, axis: Axis, attempts: int = ATTEMPTS) -> Motion:
+        found = self._bus.motion(axis.servo, attempts)
         self._seen[axis.servo] = found.position
         return found
 
@@ -208,7 +208,7 @@ class DynamixelStage(SerialStage):
     def _last_motion(self, axis: Axis) -> Motion:
         """Where the servo is or, where it does not say, was a moment ago: a way back that is free."""
         try:
-            return self._motion(axis)
+            return self._motion(axis, attempts=1)  # a halt cannot wait
         except DeviceLostError:
             if axis.servo not in self._seen:
                 raise

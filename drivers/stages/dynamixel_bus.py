@@ -20,6 +20,9 @@ PING, READ, WRITE = 1, 2, 3
 ANSWER_SECONDS = 0.1
 """Question and answer take 55 ms at 9600 baud, USB adapters add up to 16 ms."""
 
+ATTEMPTS = 12
+"""A line may stall for a second; fewer than there are lengths of `MOTION_BYTES`."""
+
 LIMIT = 6
 
 ERRORS = {
@@ -102,7 +105,10 @@ class DynamixelBus:
 
     def ping(self, device: int) -> None:
         """Raise unless the servo answers."""
-        self._exchange(Packet(device, PING, b""), 3)
+        for _ in range(ATTEMPTS):
+            if self._ask(Packet(device, PING, b""), 3) is not None:
+                return
+        raise self._silent(device)
 
     def drive(self, device: int) -> Drive:
         """How the servo is set up."""
@@ -117,10 +123,13 @@ class DynamixelBus:
         data = self._read(device, *CONDITION)
         return Condition(bool(data[0]), data[4], data[6])
 
-    def motion(self, device: int) -> Motion:
+    def motion(self, device: int, attempts: int = ATTEMPTS) -> Motion:
         """Where the servo stands; lengths that go round keep older answers from being taken for this one."""
-        data = self._read(device, TICK, next(self._motion_bytes))
-        return Motion(bool(data[2]), _number(data[12:16]))
+        for _ in range(attempts):
+            data = self._ask_motion(device)
+            if data is not None:
+                return Motion(bool(data[2]), _number(data[12:16]))
+        raise self._silent(device)
 
     def goal(self, device: int) -> tuple[int, int]:
         """The profile velocity and the goal that the servo has in its registers."""
@@ -136,29 +145,24 @@ class DynamixelBus:
         self._write(device, TORQUE[0], b"\x01")
 
     def _read(self, device: int, address: int, size: int) -> bytes:
-        parameters = address.to_bytes(2, "little") + size.to_bytes(2, "little")
-        return self._exchange(Packet(device, READ, parameters), size)
+        for _ in range(ATTEMPTS):
+            if not self._owed or self._ask_motion(device) is not None:  # what is late comes before its answer
+                data = self._ask(_reading(device, address, size), size)
+                if data is not None:
+                    return data
+        raise self._silent(device)
 
     def _write(self, device: int, address: int, data: bytes) -> None:
-        self._exchange(Packet(device, WRITE, address.to_bytes(2, "little") + data), 0)
+        """Sent at once, and perhaps acknowledged by the answer to another: what matters is read back."""
+        packet = Packet(device, WRITE, address.to_bytes(2, "little") + data)
+        for _ in range(ATTEMPTS):
+            if self._ask(packet, 0) is not None:
+                return
+        raise self._silent(device)
 
-    def _exchange(self, packet: Packet, size: int) -> bytes:
-        for _ in range(2):  # once more where noise spoilt it
-            if self._owed:
-                self._catch_up(packet.device)
-            answer = self._ask(packet, size)
-            if answer is not None:
-                return answer
-        raise DeviceLostError(
-            f"{self._line.name}: Dynamixel {packet.device} does not answer; check its power, its cable, "
-            "its id and the baud rate (57600 as delivered), then close it and open it again"
-        )
-
-    def _catch_up(self, device: int) -> None:
-        """Let what is late come in: it does before the answer to a question of another length."""
+    def _ask_motion(self, device: int) -> bytes | None:
         size = next(self._motion_bytes)
-        parameters = TICK.to_bytes(2, "little") + size.to_bytes(2, "little")
-        self._ask(Packet(device, READ, parameters), size)
+        return self._ask(_reading(device, TICK, size), size)
 
     def _ask(self, packet: Packet, size: int) -> bytes | None:
         """Parameters of the status packet that answers; an adapter's echo of our own packet is skipped."""
@@ -185,11 +189,21 @@ class DynamixelBus:
                     return answer
         return None
 
+    def _silent(self, device: int) -> DeviceLostError:
+        return DeviceLostError(
+            f"{self._line.name}: Dynamixel {device} does not answer; check its power, its cable, its id and "
+            "the baud rate (57600 as delivered), then close it and open it again"
+        )
+
     def _refusal(self, device: int, code: int) -> OperationError:
         kind = LimitError if code == LIMIT else OperationError
         return kind(
             f"{self._line.name}: Dynamixel {device} reports error {code}: {ERRORS.get(code, 'unknown')}"
         )
+
+
+def _reading(device: int, address: int, size: int) -> Packet:
+    return Packet(device, READ, address.to_bytes(2, "little") + size.to_bytes(2, "little"))
 
 
 def _number(data: bytes) -> int:

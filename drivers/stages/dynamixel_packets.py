@@ -19,13 +19,21 @@ class Packet:
     parameters: bytes
 
 
+def _remainder(byte: int) -> int:
+    crc = byte << 8
+    for _ in range(8):
+        crc = crc << 1 ^ (0x8005 if crc & 0x8000 else 0)
+    return crc & 0xFFFF
+
+
+_REMAINDERS = [_remainder(byte) for byte in range(256)]
+
+
 def crc16(data: bytes) -> int:
     """CRC-16 with polynomial 0x8005, most significant bit first, start 0, no inversion."""
     crc = 0
     for byte in data:
-        crc ^= byte << 8
-        for _ in range(8):
-            crc = (crc << 1 ^ 0x8005 if crc & 0x8000 else crc << 1) & 0xFFFF
+        crc = (crc << 8 & 0xFFFF) ^ _REMAINDERS[crc >> 8 ^ byte]
     return crc
 
 

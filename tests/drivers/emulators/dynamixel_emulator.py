@@ -1,4 +1,4 @@
-"""Dynamixel X servos, as their control table describes them (emanual.robotis.com/docs/en/dxl/x/xl430-w250)."""
+"""Dynamixel X servos, as their manual describes them (emanual.robotis.com/docs/en/dxl/x/xl430-w250)."""
 
 from __future__ import annotations
 
@@ -42,7 +42,9 @@ class Servo:
     def true(self) -> float:
         travelled = (self._now() - self._at) * self._speed
         distance = self._to - self._from
-        return self._to if travelled >= abs(distance) else self._from + travelled * (1 if distance > 0 else -1)
+        return (
+            self._to if travelled >= abs(distance) else self._from + travelled * (1 if distance > 0 else -1)
+        )
 
     @property
     def moving(self) -> bool:
@@ -138,6 +140,8 @@ class DynamixelBusOfTwo:
         goals: (servo, true counts) of each goal that was written.
     """
 
+    question = ""
+
     def power_up(self, echo: bool = False) -> None:
         self.servos = {1: Servo(self.now), 2: Servo(self.now)}
         self.written: list[tuple[int, int, bytes]] = []
@@ -164,6 +168,7 @@ class DynamixelBusOfTwo:
                     self.say(encode(Packet(packet.device, 0x55, answer)))
 
     def _answer(self, packet: Packet) -> bytes | None:
+        self.question = f"{packet.device} {packet.instruction} {packet.parameters[:2].hex()}"
         servo = self.servos[packet.device]
         alert = 0x80 if servo.hardware_error else 0
         if packet.instruction == 1:

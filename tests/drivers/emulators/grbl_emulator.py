@@ -70,6 +70,7 @@ class GrblController:
     HOMING_SECONDS = 2.0
     PULL_OFF = 1.0
     resets_on_opening = True
+    question = ""
 
     def power_up(self, homing: bool = False) -> None:
         """Everything as it is when the power comes on; the axes stand at true 0°."""
@@ -90,7 +91,7 @@ class GrblController:
     @property
     def moving(self) -> bool:
         self._advance()
-        return bool(self._legs) and self.state in ("Jog", "Run") or self.phase == 1
+        return (bool(self._legs) and self.state in ("Jog", "Run")) or self.phase == 1
 
     def turn_by_hand(self, **to: float) -> None:
         """Somebody turns the axes while the motors have no power, or lets them slip."""
@@ -124,6 +125,7 @@ class GrblController:
             self._advance()
             if character == b"?":
                 if self.state != "Home" and not self._critical:
+                    self.question = "?"
                     self.say(self._report())
             elif character == b"\x18":
                 self._reset()
@@ -142,6 +144,7 @@ class GrblController:
         self._work()
 
     def _greet(self) -> None:
+        self.question = "start"
         self.say(BANNER + (b"[MSG:'$H'|'$X' to unlock]\r\n" if self.state == "Alarm" else b""))
 
     def _boot(self) -> None:
@@ -152,6 +155,7 @@ class GrblController:
         self.phase = 0
         self._input, self._lines = b"", deque[str]()
         self._legs: deque[Leg] = deque()
+        self._remainder: list[Angles] = []
         self._critical = self._cancelling = False
         self._homing_run = 0
 
@@ -204,11 +208,9 @@ class GrblController:
             for end in self._remainder:
                 self._enqueue(end, 10.0)
 
-    _remainder: list[Angles] = []
-
     def _advance(self) -> None:
         now = self.now()
-        while self._legs and self.state != "Hold" or self.phase == 1:
+        while (self._legs and self.state != "Hold") or self.phase == 1:
             leg = self._legs[0]
             self._machine = leg.where(now)
             if now < leg.until:
@@ -227,9 +229,7 @@ class GrblController:
 
     def _enqueue(self, to: Angles, speed: float) -> None:
         start = self._legs[-1].end if self._legs else self._machine
-        end = {
-            letter: round(to.get(letter, at) * 160) / 160 for letter, at in start.items()
-        }
+        end = {letter: round(to.get(letter, at) * 160) / 160 for letter, at in start.items()}
         leg = Leg(dict(start), end, speed, self.now())
         if leg.length:
             self._legs.append(leg)
@@ -247,8 +247,11 @@ class GrblController:
 
     def _execute(self, line: str) -> None:
         self.commands.append(line)
+        self.question = line[:2]
         if line == "$$":
-            self.say("".join(f"${key}={value}\r\n" for key, value in self.settings.items()).encode() + b"ok\r\n")
+            self.say(
+                "".join(f"${key}={value}\r\n" for key, value in self.settings.items()).encode() + b"ok\r\n"
+            )
         elif line == "$I":
             self.say(b"[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n")
         elif line == "$N":

@@ -20,7 +20,8 @@ class VirtualLine:
 
     Attributes:
         faults: what happens to the next answers, one each.
-        answers: how many there were.
+        question: what it is being asked; a subclass says.
+        answered: the questions of all answers so far.
         writes: (seconds, bytes) that were sent to the device.
     """
 
@@ -32,7 +33,8 @@ class VirtualLine:
         self._arrivals: deque[tuple[float, bytes]] = deque()
         self._due: list[tuple[float, Callable[[], None]]] = []
         self.faults: deque[Fault] = deque()
-        self.answers = 0
+        self.question = ""
+        self.answered: list[str] = []
         self.writes: list[tuple[float, bytes]] = []
         self.plugged, self.mute = True, False
 
@@ -46,7 +48,7 @@ class VirtualLine:
 
     def say(self, data: bytes) -> None:
         """Send one answer to the client."""
-        self.answers += 1
+        self.answered.append(self.question)
         fault = self.faults.popleft() if self.faults else None
         if self.mute or fault == LOST:
             return
