@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import degrees, tau
+from math import tau
 
 from drivers.errors import InitialisationError
 from drivers.stages.dynamixel_bus import Condition, Drive
@@ -88,8 +88,9 @@ def make_axis(name: str, servo: int, zero: int, sign: Sign, drive: Drive, positi
             "or 4 (extended position) with the maker's tool, torque off"
         )
     if turns not in known:
+        turned = (position - zero) * 360 / COUNTS_PER_TURN
         raise InitialisationError(
-            f"{name}: Dynamixel {servo} stands at {position} counts, {degrees(axis.angle(position)):.0f}°: "
+            f"{name}: Dynamixel {servo} stands at {position} counts, {turned:.0f}° from its zero: "
             "it has been turned past the end of its turn; turn it back by hand and power it anew"
         )
     return axis

@@ -197,7 +197,7 @@ class Use:
             try:
                 self._do(step, argument)
             except StateError:
-                assert self.stage.uncertainty, "refused without a reason"
+                assert self.stage.uncertainty or not self.stage.is_open, "refused without a reason"
             except DriverError:
                 trouble += 1
             found = first_of_each(self.rig.device.answered[begin:])

@@ -64,9 +64,7 @@ class Servo:
         self.goal = self.present
 
     def _forget_turns(self) -> None:
-        first = self.homing_offset
-        self._turns = 0
-        self._turns = first + (self.present - first) % 4096 - self.present
+        self._turns = round(self.true) % 4096 + self.homing_offset - round(self.true)
 
     def turn_by_hand(self, true: float) -> None:
         """Somebody turns the axis, which is limp."""
