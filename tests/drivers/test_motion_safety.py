@@ -217,8 +217,8 @@ def answers_of_an_errand(world):
 
 def test_each_answer_lost_late_or_doubled_gives_right_angles_or_an_error(world):
     failed = 0
-    for number in range(answers_of_an_errand(world)):
-        fault = FAULTS[number % len(FAULTS)]
+    for number in range(0, answers_of_an_errand(world), 2):  # what matters is asked twice
+        fault = FAULTS[number // 2 % len(FAULTS)]
         with Session(world, {number: fault}) as session:
             try:
                 errand(session)

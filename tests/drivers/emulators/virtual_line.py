@@ -19,12 +19,15 @@ class Fault:
     """What becomes of one answer.
 
     Attributes:
-        kind: `lost`; `late`, and all that follows with it; `twice`, the second time later, by itself.
+        kind: `lost`; `late`, and all that follows with it; `twice`, the second time later, by itself;
+            `garbled`, so that something else arrives.
         seconds: by how much.
+        pieces: what arrives instead, 0.05 s apart.
     """
 
-    kind: Literal["lost", "late", "twice"]
+    kind: Literal["lost", "late", "twice", "garbled"]
     seconds: float = 0.0
+    pieces: tuple[bytes, ...] = ()
 
 
 class VirtualLine:
@@ -92,8 +95,10 @@ class VirtualLine:
             return
         if fault is not None and fault.kind == "late":
             at += fault.seconds
-        self._last = at
-        self._arrivals.append((at, data))
+        pieces = fault.pieces if fault is not None and fault.kind == "garbled" else (data,)
+        for number, piece in enumerate(pieces):
+            self._last = at + 0.05 * number
+            self._arrivals.append((self._last, piece))
         if fault is not None and fault.kind == "twice":
             self._arrivals.append((at + fault.seconds, data))
         self._arrivals.sort(key=lambda item: item[0])
