@@ -167,8 +167,7 @@ class PtuDialogue:
         for _ in range(2):
             self._line.send(b"V ")
             reply = self._answer(VERSION, self._deadline(FENCE_SECONDS))
-            if reply is not None and reply.kind == "done":
-                self._settle()
+            if reply is not None:
                 return reply
         raise self._silent("V")
 
