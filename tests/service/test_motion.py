@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import pty
@@ -10,10 +11,14 @@ from math import radians
 
 import pytest
 from scripted import ScriptedStage
+from typer.testing import CliRunner
 
 from drivers import DeviceLostError, DeviceTimeoutError, LimitError, Position
-from drivers.clock import VirtualClock
+from drivers.backends import STAGES
+from drivers.clock import Clock, VirtualClock
+from drivers.device import BackendOptions
 from service.capture.motion import Motion, Operator
+from service.cli import app
 from service.cli.operator import TerminalOperator, with_consent
 from service.config import Configuration, StageSection
 from service.errors import MotionError
@@ -186,3 +191,62 @@ def test_announcements_are_logged_and_seen(caplog, capsys, sees_log) -> None:
         TerminalOperator(home=False, sees_log=sees_log).tell("it turns")
     assert "it turns" in caplog.text
     assert ("it turns" in capsys.readouterr().err) != sees_log
+
+
+class NeedyStage(RealStage):
+    """As backend `needy`."""
+
+    def __init__(self, _options: BackendOptions, clock: Clock) -> None:
+        ScriptedStage.__init__(self, clock)  # type: ignore[arg-type]
+        self._declare_unknown("its port was reset")
+
+
+@pytest.fixture
+def needy(monkeypatch, tmp_path):
+    """What `lidarboost` runs with: a simulated camera on a stage that does not know where it is."""
+    monkeypatch.setitem(STAGES, "needy", (__name__, "NeedyStage"))
+    monkeypatch.setattr("sys.stdin.isatty", lambda: False, raising=False)
+    config = tmp_path / "rig.toml"
+    zenoh = tmp_path / "zenoh.json5"
+    zenoh.write_text(json.dumps({"listen": {"endpoints": ["tcp/127.0.0.1:0"]}}))
+    config.write_text(
+        f"""
+        camera = {{ backend = "simulated", options = {{ scene = "plane" }} }}
+        stage.backend = "needy"
+        fusion = {{ method = "nearest", register_poses = false, frames = 2, upsampling = 2 }}
+        zenoh.config = "{zenoh}"
+        """
+    )
+    return config
+
+
+def lidarboost(*words: object):
+    return CliRunner().invoke(app, [str(word) for word in words], prog_name="lidarboost")
+
+
+def test_one_pass_without_consent_fails_in_one_line_that_says_how_to_give_it(needy) -> None:
+    result = lidarboost("run", needy, "--once")
+    assert result.exit_code == 1
+    (line,) = [line for line in result.stderr.splitlines() if line.startswith("error:")]
+    assert "its port was reset" in line
+    assert "--home" in line
+
+
+def test_one_pass_with_home_homes_and_announces_what_moves(needy) -> None:
+    result = lidarboost("run", needy, "--once", "--home")
+    assert result.exit_code == 0, result.stderr
+    assert "homing NeedyStage: it moves nothing" in result.stderr
+    assert "is about to turn from pan 0.00°" in result.stderr
+
+
+def test_commands_that_turn_nothing_do_not_even_open_the_stage(needy, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(NeedyStage, "_open", lambda self: pytest.fail("opened"))  # noqa: ARG005
+    assert lidarboost("capture", "-c", needy, "-n", 2, "-o", tmp_path / "look.mcap").exit_code == 0
+    assert lidarboost("hz", "-c", needy, "--seconds", 0.5).exit_code == 0
+
+
+def test_calibrating_the_mount_asks_for_consent_too(needy, tmp_path) -> None:
+    output = tmp_path / "mount.toml"
+    refused = lidarboost("calibrate", "mount", "-c", needy, "-o", output, "--repeats", 1)
+    assert refused.exit_code == 1
+    assert "--home" in refused.stderr
