@@ -33,8 +33,8 @@ class DeviceTimeoutError(OperationError, TimeoutError):
     """No frame, or no end of a movement, within the time allowed."""
 
 
-class MotionStoppedError(OperationError):
-    """A stage was told to stop in the middle of a movement; it stands still."""
+class MotionStoppedError(DriverError):
+    """A stage was interrupted: it has stopped, or did not begin to move."""
 
 
 class EndOfRecordingError(OperationError):

@@ -159,7 +159,7 @@ class SimulatedCamera(Camera):
     def _pose(self, timestamp: int) -> Position:
         if isinstance(self._stage, SimulatedStage):
             return self._stage.pose_at(timestamp)
-        if self._stage is not None and self._stage.is_open:
+        if self._stage is not None and self._stage.is_open and not self._stage.needs_home:
             return self._stage.position
         return Position(0.0, 0.0)
 

@@ -19,7 +19,7 @@ from service.capture.plan import Plan, make_plan
 from service.capture.played import recording_of, truth_of
 from service.capture.rig import Rig
 from service.config import Configuration
-from service.errors import ServiceError
+from service.errors import MotionError, ServiceError
 from service.fusion.fusion import FusedBurst
 from service.fusion.quality import judge
 from service.fusion.summary import BurstSummary, RunSummary, describe, summarize
@@ -135,18 +135,33 @@ class Daemon:
         self._worker.wait_ready(self.stop.is_set)
         notify(READY)
         self._monitor.state = "scanning"
-        for burst in capture.run():
-            self._outlets.send([calibration_message(burst.calibration, burst.reference.timestamp)])
-            self._watch.burst(capture.counts.bursts)
-            self._worker.submit(burst)
-            if self.once and not self.carries_pose:
-                break
+        try:
+            self._scan(capture)
+        except MotionError as error:
+            if self.once:
+                raise
+            self._stand_still(error)
         self._monitor.state = "stopping"
         notify(STOPPING)
         self._worker.drain(_LAST_FUSION if self.stop.is_set() else None)
         self._worker.close()
         if self._worker.counts.fused == 0 and not self.stop.is_set():
             raise ServiceError(f"no burst could be fused: {self._why_nothing()}")
+
+    def _scan(self, capture: Capture) -> None:
+        for burst in capture.run():
+            self._outlets.send([calibration_message(burst.calibration, burst.reference.timestamp)])
+            self._watch.burst(capture.counts.bursts)
+            self._worker.submit(burst)
+            if self.once and not self.carries_pose:
+                break
+
+    def _stand_still(self, reason: MotionError) -> None:
+        """Capture nothing until stopped: what made the stage unsafe to move needs a person."""
+        _log.error("%s", reason)
+        self._grabber.counts.error = str(reason)
+        self._monitor.state = "idle"
+        self.stop.wait()
 
     @contextmanager
     def _open_rig(self) -> Iterator[None]:

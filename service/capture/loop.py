@@ -10,9 +10,8 @@ from drivers.errors import (
     DeviceLostError,
     DeviceTimeoutError,
     EndOfRecordingError,
-    LimitError,
+    MotionStoppedError,
     OperationError,
-    StateError,
 )
 from drivers.frame import Frame
 from service.capture.burst import Burst
@@ -21,7 +20,7 @@ from service.capture.rig import Rig
 from service.errors import ServiceError
 
 _ATTEMPTS = 4
-"""Times in a row that one frame or movement may fail before the devices are opened again."""
+"""Times in a row that one frame may fail before the camera is opened again."""
 
 _STALE = 100
 """Stale frames in a row that cannot be what was still in the camera's buffers."""
@@ -37,7 +36,7 @@ class CaptureCounts:
         frames: frames that went into bursts, finished or not.
         stale: frames thrown away because they were exposed before the stage stood still.
         dropped: frames that the camera took and that never arrived (gaps in its numbers).
-        faults: frames or movements that failed and were tried again.
+        faults: frames that failed and were tried again.
         lost: times that a device was lost.
         interrupted: bursts given up and taken again.
         bursts: finished bursts.
@@ -74,6 +73,7 @@ class Grabber:
         self.rig, self.stop = rig, stop
         self.counts = CaptureCounts()
         self._timeout = timeout
+        rig.stage.interrupted = stop.is_set
         self._listener = listener
         self._sequence: int | None = None
 
@@ -106,7 +106,7 @@ class ScanBursts:
         grabber: gives frames.
         plan: poses of one burst.
         settle: seconds to stand still before an exposure may begin.
-        move_timeout: seconds that a movement may take.
+        move_timeout: seconds that a movement may take longer than at the stage's speed.
     """
 
     def __init__(self, grabber: Grabber, plan: Plan, settle: float, move_timeout: float) -> None:
@@ -118,11 +118,12 @@ class ScanBursts:
         return Burst(number, tuple(frames), self._rig.calibration, len(self._plan))
 
     def _frame(self, number: int, pose: int) -> Frame:
+        self._turn(pose)
         last: OperationError | None = None
         for _ in range(_ATTEMPTS):
             try:
                 return self._attempt(number, pose)
-            except (DeviceLostError, StateError, LimitError, EndOfRecordingError):
+            except (DeviceLostError, EndOfRecordingError):
                 raise
             except OperationError as error:
                 self._grabber.counts.faults += 1
@@ -131,15 +132,17 @@ class ScanBursts:
                 last = error
         raise DeviceLostError(f"pose {pose} failed {_ATTEMPTS} times in a row, lastly: {last}") from last
 
-    def _attempt(self, number: int, pose: int) -> Frame:
-        target = self._plan.poses[pose]
+    def _turn(self, pose: int) -> None:
+        motion = self._rig.motion
+        motion.prepare(self._plan.poses)
         if self._plan.moves:
             self._grabber.restart()  # frames that pass while the stage moves are not missed
-        self._rig.stage.move_to(target.pan, target.tilt)
-        self._rig.stage.wait(self._move_timeout)
-        still = self._rig.clock.now() + round(self._settle * 1e9)
-        frame = self._fresh(still)
-        position = self._rig.stage.position
+        motion.go(self._plan.poses[pose], self._move_timeout)
+        self._still = self._rig.clock.now() + round(self._settle * 1e9)
+
+    def _attempt(self, number: int, pose: int) -> Frame:
+        frame = self._fresh(self._still)
+        position = self._rig.motion.position
         placed = replace(frame, pan=position.pan, tilt=position.tilt, burst=number, pose=pose)
         return self._grabber.keep(placed)
 
@@ -211,12 +214,16 @@ class Capture:
         self._bursts, self._pause = bursts, pause
 
     def run(self) -> Iterator[Burst]:
-        """Bursts until the grabber is stopped or a recording ends; an interrupted burst is taken again."""
+        """Bursts until the grabber is stopped or a recording ends; an interrupted burst is taken again.
+
+        Raises:
+            MotionError: the stage must not move any more.
+        """
         number, stop = 0, self._grabber.stop
         while not stop.is_set():
             try:
                 burst = self._bursts.take(number)
-            except (EndOfRecordingError, StoppedError):
+            except (EndOfRecordingError, StoppedError, MotionStoppedError):
                 return
             except OperationError as error:
                 self.counts.lost += 1

@@ -47,6 +47,14 @@ def run(
             rich_help_panel=_RUN,
         ),
     ] = False,
+    home: Annotated[
+        bool,
+        typer.Option(
+            "--home",
+            help="Home the stage where its position is unknown: it moves beyond the plan.",
+            rich_help_panel=_RUN,
+        ),
+    ] = False,
     output: Annotated[
         Path | None,
         typer.Option(help="Directory for fused.mcap and a picture of every burst.", rich_help_panel=_RUN),
@@ -83,17 +91,18 @@ def run(
     something not delivered. A daemon told to stop ends with 0.
     """
     from service.capture.rig import make_rig
+    from service.cli.operator import TerminalOperator, with_consent
     from service.cli.progress import shown_progress
     from service.config_file import load
     from service.daemon import Daemon
     from service.health.logs import log_to_stream
 
     _check(replay, speed, loop, once)
-    configuration = load(config)
+    configuration = with_consent(load(config), home)
     if replay is not None:
         configuration = _playing(configuration, replay, speed or (None if once else 1.0), loop)
     log_to_stream(logging.WARNING if once or as_json else logging.INFO)
-    rig = make_rig(configuration)
+    rig = make_rig(configuration, operator=TerminalOperator(home, sees_log=not (once or as_json)))
     with shown_progress(quiet=as_json or not once) as watch:
         daemon = Daemon(configuration, rig, output=output, once=once, watch=watch)
         with _stopped_by_signals(daemon):
@@ -131,7 +140,7 @@ def _playing(configuration: "Configuration", path: Path, speed: float | None, lo
 
 @contextmanager
 def _stopped_by_signals(daemon: "Daemon") -> Iterator[None]:
-    """SIGTERM and Ctrl-C end the run cleanly; another one some seconds later ends it at once."""
+    """SIGTERM, SIGHUP and Ctrl-C end the run cleanly; another one some seconds later ends it at once."""
     first: float | None = None
 
     def stop(number: int, _frame: FrameType | None) -> None:
@@ -143,7 +152,9 @@ def _stopped_by_signals(daemon: "Daemon") -> Iterator[None]:
             signal.signal(number, signal.SIG_DFL)
             signal.raise_signal(number)
 
-    before = {number: signal.signal(number, stop) for number in (signal.SIGTERM, signal.SIGINT)}
+    before = {
+        number: signal.signal(number, stop) for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+    }
     try:
         yield
     finally:

@@ -68,11 +68,11 @@ class Monitor:
         )
 
     def tell_systemd(self, status: Status) -> None:
-        """One line of status; the watchdog is fed only while frames come."""
+        """One line of status; the watchdog is fed only while frames come, or none are meant to."""
         line = (
             f"STATUS={status.state}, {status.rates.frames:.1f} frames/s, {status.totals.fused} maps, "
             f"{status.drops.camera} frames dropped"
         )
-        alive = status.totals.frames > self._seen
+        alive = status.totals.frames > self._seen or status.state == "idle"
         self._seen = status.totals.frames
         notify(line, *([WATCHDOG] if alive else []))

@@ -4,12 +4,13 @@ import json
 import time
 from collections.abc import Callable
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pytest
 from scripted import ScriptedCamera, ScriptedStage, frame
 
-from drivers import DeviceLostError, Frame
+from drivers import DeviceLostError, Frame, LimitError
 from drivers.clock import VirtualClock
 from drivers.messages import decode_image
 from drivers.recording import open_recording
@@ -17,8 +18,9 @@ from service.capture.rig import Rig
 from service.config import Configuration
 from service.config_file import load
 from service.daemon import Daemon, Watch
-from service.errors import PlanError, ServiceError, SessionError
+from service.errors import MotionError, PlanError, ServiceError, SessionError
 from service.fusion.summary import BurstSummary
+from service.health.systemd import WATCHDOG
 from service.wire.session import open_session
 
 FUSION = {"method": "nearest", "upsampling": 2, "register_poses": False, "frames": 4}
@@ -95,6 +97,39 @@ def test_the_scan_loop_goes_on_through_a_lost_camera(configure) -> None:
     assert lost.reopened == 1
     assert not lost.camera.is_open
     assert not lost.stage.is_open
+
+
+def test_after_a_failed_movement_it_stands_still_says_why_and_stays_alive(configure, monkeypatch) -> None:
+    fed: list[str] = []
+    monkeypatch.setattr("service.health.monitor.notify", lambda *lines: fed.extend(lines))
+    stuck = rig()
+    stuck.stage.faults = {9: LimitError("ran into its limit")}
+    daemon = Daemon(configure(), stuck)
+    thread = Thread(target=daemon.run)
+    thread.start()
+    try:
+        until = time.monotonic() + 60
+        while not (hasattr(daemon, "_monitor") and daemon._monitor.state == "idle"):
+            assert time.monotonic() < until
+            time.sleep(0.01)
+        status = daemon._monitor.status()
+        assert status.error == "ran into its limit; it stands still until started again"
+        moves = len(stuck.stage.moves)
+        fed.clear()
+        for _ in range(3):
+            daemon._monitor.tell_systemd(daemon._monitor.status())
+        assert fed.count(WATCHDOG) >= 3, "killed and started again it would move by itself"
+        assert len(stuck.stage.moves) == moves == 10
+    finally:
+        daemon.stop.set()
+        thread.join()
+
+
+def test_one_pass_ends_with_a_failed_movement(configure) -> None:
+    stuck = rig()
+    stuck.stage.faults = {2: LimitError("ran into its limit")}
+    with pytest.raises(MotionError, match="ran into its limit"):
+        Daemon(configure(), stuck, once=True).run()
 
 
 def test_recorded_bursts_are_all_fused_in_order(configure) -> None:
