@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from math import radians, tau
+from math import copysign, radians, tau
 
 from pydantic import Field, model_validator
 
 from drivers.errors import DeviceLostError, InitialisationError, OperationError
 from drivers.position import Limits, Position
 from drivers.stages.dynamixel_axis import COUNTS_PER_TURN, Axis, check_drive, hardware_error, make_axis
-from drivers.stages.dynamixel_bus import ATTEMPTS, DynamixelBus, Motion
+from drivers.stages.dynamixel_bus import DynamixelBus, Motion
 from drivers.stages.serial_stage import SerialOptions, SerialStage, Sign
 
 POLL_SECONDS = 0.02
@@ -74,7 +74,7 @@ class DynamixelStage(SerialStage):
 
     def _learn(self) -> None:
         self._goals: dict[ServoId, int] = {}
-        self._seen: dict[ServoId, int] = {}
+        self._seen: dict[ServoId, tuple[int, int]] = {}
         self._held: set[ServoId] = set()
         options = self.options
         self._velocity = int(options.speed / VELOCITY_UNIT)
@@ -154,13 +154,17 @@ class DynamixelStage(SerialStage):
                 "open it again"
             )
 
-    def _motion(self, axis: Axis, attempts: int = ATTEMPTS) -> Motion:
-        found = self._bus.motion(axis.servo, attempts)
-        self._seen[axis.servo] = found.position
+    def _motion(self, axis: Axis) -> Motion:
+        found = self._bus.motion(axis.servo)
+        self._seen[axis.servo] = self.clock.now(), found.position
         return found
 
     def _remaining(self) -> float:
         arrived = [self._has_arrived(axis) for axis in self._axes]
+        if not self.needs_home:  # what is turned back from beyond its limits is on its way
+            self.limits.check_reported(
+                self._pointing([self._seen[axis.servo][1] for axis in self._axes]), str(self)
+            )
         return 0.0 if all(arrived) else POLL_SECONDS
 
     def _has_arrived(self, axis: Axis) -> bool:
@@ -176,46 +180,55 @@ class DynamixelStage(SerialStage):
         return abs(found.position - goal) <= self.options.tolerance
 
     def _stop(self) -> None:
-        failures = [failure for axis in self._axes if (failure := self._halt(axis))]
+        held = [axis for axis in self._axes if axis.servo in self._held]
+        found = self._whereabouts(held)
+        halted = [
+            axis for axis, motion in zip(held, found, strict=True) if self._is_off_its_goal(axis, motion)
+        ]
+        for axis in halted:
+            self._bus.send(axis.servo, self._profile_acceleration, self._velocity, self._goals[axis.servo])
+        for axis in halted:
+            self._go_confirmed(axis, self._goals[axis.servo])
         deadline = self.clock.now() + round(HALT_SECONDS * 1e9)
-        while not failures and any(self._motion(axis).moving for axis in self._held_axes()):
+        while any(self._motion(axis).moving for axis in halted):
             if self.clock.now() >= deadline:
                 raise OperationError(
-                    f"{self._line.name}: the servos still move {HALT_SECONDS:g} s after a halt"
+                    f"{self}: the servos still move {HALT_SECONDS:g} s after they were halted"
                 )
             self.clock.sleep(POLL_SECONDS)
-        if failures:
-            raise failures[0]
 
-    def _held_axes(self) -> list[Axis]:
-        return [axis for axis in self._axes if axis.servo in self._held]
+    def _whereabouts(self, axes: list[Axis]) -> list[Motion]:
+        """Where the servos say they are or, where the line is slow, where they must be by now."""
+        answers, found = True, []
+        for axis in axes:
+            motion = self._bus.glance(axis.servo) if answers or axis.servo not in self._seen else None
+            answers = motion is not None
+            if motion is None:
+                motion = self._reckoned(axis) if axis.servo in self._seen else self._motion(axis)
+            found.append(motion)
+        return found
 
-    def _halt(self, axis: Axis) -> OperationError | None:
-        """Make the servo's position its goal where it moves or is held off its goal; what went wrong."""
-        if axis.servo not in self._held:
-            return None
-        try:
-            found = self._last_motion(axis)
-            goal = self._goals.get(axis.servo)
-            if goal is None:
-                goal = self._bus.goal(axis.servo)[1]
-            if found.moving or abs(found.position - goal) > self.options.tolerance:
-                self._go_confirmed(axis, axis.nearest(found.position))
-        except OperationError as error:
-            return error
-        return None
+    def _is_off_its_goal(self, axis: Axis, found: Motion) -> bool:
+        """Whether a servo moves, or is held off its goal; where it is becomes its goal then."""
+        goal = self._goals.get(axis.servo)
+        if goal is None:
+            goal = self._bus.goal(axis.servo)[1]
+        off = found.moving or abs(found.position - goal) > self.options.tolerance
+        if off:
+            self._goals[axis.servo] = axis.nearest(found.position)
+        return off
 
-    def _last_motion(self, axis: Axis) -> Motion:
-        """Where the servo is or, where it does not say, was a moment ago: a way back that is free."""
-        try:
-            return self._motion(axis, attempts=1)  # a halt cannot wait
-        except DeviceLostError:
-            if axis.servo not in self._seen:
-                raise
-            return Motion(True, self._seen[axis.servo])
+    def _reckoned(self, axis: Axis) -> Motion:
+        at, position = self._seen[axis.servo]
+        rest = self._goals.get(axis.servo, position) - position
+        travelled = (self.clock.now() - at) * 1e-9 * self._velocity * VELOCITY_UNIT * COUNTS_PER_TURN / 360
+        return Motion(rest != 0, position + round(copysign(min(abs(rest), travelled), rest)))
 
     def _position(self) -> Position:
-        angles = [axis.angle(self._motion(axis).position) for axis in self._axes]
+        return self._pointing([self._motion(axis).position for axis in self._axes])
+
+    def _pointing(self, counts: list[int]) -> Position:
+        angles = [axis.angle(at) for axis, at in zip(self._axes, counts, strict=True)]
         return Position(angles[0], angles[1] if self._tilt else 0.0)
 
     def _home(self) -> None:

@@ -17,11 +17,12 @@ from drivers.stages.serial_line import SerialLine
 
 PING, READ, WRITE = 1, 2, 3
 
-ANSWER_SECONDS = 0.1
+ANSWER_SECONDS = 0.25
+GLANCE_SECONDS = 0.1
 """Question and answer take 55 ms at 9600 baud, USB adapters add up to 16 ms."""
 
 ATTEMPTS = 12
-"""A line may stall for a second; fewer than there are lengths of `MOTION_BYTES`."""
+"""A line may stall for two or three seconds. Fewer than there are lengths of `MOTION_BYTES`."""
 
 LIMIT = 6
 
@@ -123,13 +124,18 @@ class DynamixelBus:
         data = self._read(device, *CONDITION)
         return Condition(bool(data[0]), data[4], data[6])
 
-    def motion(self, device: int, attempts: int = ATTEMPTS) -> Motion:
+    def motion(self, device: int) -> Motion:
         """Where the servo stands; lengths that go round keep older answers from being taken for this one."""
-        for _ in range(attempts):
-            data = self._ask_motion(device)
-            if data is not None:
-                return Motion(bool(data[2]), _number(data[12:16]))
+        for _ in range(ATTEMPTS):
+            if (found := self.glance(device, ANSWER_SECONDS)) is not None:
+                return found
         raise self._silent(device)
+
+    def glance(self, device: int, seconds: float = GLANCE_SECONDS) -> Motion | None:
+        """Where the servo stands, if it says so at once."""
+        size = next(self._motion_bytes)
+        data = self._ask(_reading(device, TICK, size), size, seconds)
+        return None if data is None else Motion(bool(data[2]), _number(data[12:16]))
 
     def goal(self, device: int) -> tuple[int, int]:
         """The profile velocity and the goal that the servo has in its registers."""
@@ -138,39 +144,40 @@ class DynamixelBus:
 
     def go(self, device: int, acceleration: int, velocity: int, goal: int) -> None:
         """Set profile and goal in one packet, so that no goal is ever met at another speed."""
-        self._write(device, PROFILE[0], b"".join(map(_bytes, (acceleration, velocity, goal))))
+        self._write(_writing(device, PROFILE[0], acceleration, velocity, goal))
+
+    def send(self, device: int, acceleration: int, velocity: int, goal: int) -> None:
+        """As `go`, without waiting for an answer."""
+        self._owed = True
+        self._line.send(encode(_writing(device, PROFILE[0], acceleration, velocity, goal)))
 
     def hold(self, device: int) -> None:
         """Switch the torque on."""
-        self._write(device, TORQUE[0], b"\x01")
+        self._write(Packet(device, WRITE, TORQUE[0].to_bytes(2, "little") + b"\x01"))
 
     def _read(self, device: int, address: int, size: int) -> bytes:
         for _ in range(ATTEMPTS):
-            if not self._owed or self._ask_motion(device) is not None:  # what is late comes before its answer
+            # What is late comes before the answer to a glance.
+            if not self._owed or self.glance(device, ANSWER_SECONDS) is not None:
                 data = self._ask(_reading(device, address, size), size)
                 if data is not None:
                     return data
         raise self._silent(device)
 
-    def _write(self, device: int, address: int, data: bytes) -> None:
+    def _write(self, packet: Packet) -> None:
         """Sent at once, and perhaps acknowledged by the answer to another: what matters is read back."""
-        packet = Packet(device, WRITE, address.to_bytes(2, "little") + data)
         for _ in range(ATTEMPTS):
             if self._ask(packet, 0) is not None:
                 return
-        raise self._silent(device)
+        raise self._silent(packet.device)
 
-    def _ask_motion(self, device: int) -> bytes | None:
-        size = next(self._motion_bytes)
-        return self._ask(_reading(device, TICK, size), size)
-
-    def _ask(self, packet: Packet, size: int) -> bytes | None:
+    def _ask(self, packet: Packet, size: int, seconds: float = ANSWER_SECONDS) -> bytes | None:
         """Parameters of the status packet that answers; an adapter's echo of our own packet is skipped."""
         self._line.pending()  # late answers and noise
         self._owed = True
         self._line.send(encode(packet))
         data = b""
-        deadline = self._clock.now() + round(ANSWER_SECONDS * 1e9)
+        deadline = self._clock.now() + round(seconds * 1e9)
         while (remaining := (deadline - self._clock.now()) / 1e9) > 0:
             data += self._line.receive(remaining)
             while True:
@@ -210,5 +217,6 @@ def _number(data: bytes) -> int:
     return int.from_bytes(data, "little", signed=True)
 
 
-def _bytes(value: int) -> bytes:
-    return value.to_bytes(4, "little", signed=True)
+def _writing(device: int, address: int, *values: int) -> Packet:
+    data = b"".join(value.to_bytes(4, "little", signed=True) for value in values)
+    return Packet(device, WRITE, address.to_bytes(2, "little") + data)

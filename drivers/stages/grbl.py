@@ -163,6 +163,8 @@ class GrblStage(SerialStage):
         if self._target is None:
             return 0.0
         status = self._status()
+        if not self.needs_home:  # the switches may lie beyond the limits
+            self.limits.check_reported(self._pointing(status.machine), str(self))
         there = status.state == "Idle" and self._is_there(status.machine)
         self._arrived = self._arrived + 1 if there else 0
         return 0.0 if self._arrived == 2 else POLL_SECONDS
@@ -179,7 +181,9 @@ class GrblStage(SerialStage):
             self._declare_unknown("Grbl was halted by a reset while it moved: steps may be lost")
 
     def _position(self) -> Position:
-        machine = self._status().machine
+        return self._pointing(self._status().machine)
+
+    def _pointing(self, machine: Vector) -> Position:
         return Position(self._pan.angle(machine), self._tilt.angle(machine) if self._tilt else 0.0)
 
     def _status(self) -> Status:

@@ -26,7 +26,11 @@ from drivers.stages.serial_line import SerialLine
 ANSWER_SECONDS = 1.0
 """An answer takes milliseconds at 115200 baud; a settings dump of 1 kB a tenth of a second."""
 
+MARKER_SECONDS = 1.5
 REPORT_SECONDS = 0.25
+REPORT_ATTEMPTS = 12
+"""A line may stall for two or three seconds."""
+
 HALT_POLL_SECONDS = 0.1
 BANNER_SECONDS = 3.0
 """The boot loader of an Arduino waits for up to two seconds after a reset."""
@@ -156,7 +160,7 @@ class GrblDialogue:
         for _ in range(2):
             marker, tag = next(self._markers)
             self._send(f"{marker}\n".encode())
-            deadline = self._deadline(ANSWER_SECONDS)
+            deadline = self._deadline(MARKER_SECONDS)
             tagged = False
             while (line := self._next_line(deadline)) is not None:
                 self._raise_if_upset(line)
@@ -166,9 +170,9 @@ class GrblDialogue:
                     return True
         return False
 
-    def _report(self) -> Status | None:
+    def _report(self, attempts: int = REPORT_ATTEMPTS) -> Status | None:
         """A status report, perhaps an older one."""
-        for _ in range(3):  # noise may spoil one
+        for _ in range(attempts):  # noise may spoil one
             self._send(b"?")
             deadline = self._deadline(REPORT_SECONDS)
             while (line := self._next_line(deadline)) is not None:
@@ -181,9 +185,9 @@ class GrblDialogue:
         """The report of a controller that stands; None where it has lost its position or says nothing."""
         try:
             while self._clock.now() < deadline:
-                found = self._report()
+                found = self._report(attempts=1)
                 if found is not None and found.stands and (found.state != "Idle" or self._caught_up()):
-                    again = self._report()  # after what was late, and from the same place
+                    again = self._report(attempts=1)  # after what was late, and from the same place
                     if again == found:
                         return found
                 self._clock.sleep(HALT_POLL_SECONDS)

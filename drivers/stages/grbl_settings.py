@@ -28,7 +28,7 @@ ALWAYS_ON = 255
 """Milliseconds after a movement that stand for: the motors are never switched off."""
 
 MOVES = re.compile(r"[XYZABC]|G0*(28|30)(?![.\d])", re.IGNORECASE)
-ATTEMPTS = 3
+ATTEMPTS = 4
 
 
 class GrblSettings:

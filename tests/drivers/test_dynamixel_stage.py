@@ -2,7 +2,9 @@ from itertools import pairwise
 from math import radians, tau
 
 import pytest
-from emulators.dynamixel_emulator import DynamixelEmulator, VirtualDynamixels
+from emulators.dynamixel_emulator import DynamixelEmulator
+from emulators.virtual_line import Fault
+from emulators.watched_line import WatchedLine
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -77,9 +79,10 @@ class Rig:
 
     def __init__(self, monkeypatch):
         self.clock = VirtualClock()
-        self.bus = VirtualDynamixels(self.clock)
+        self.bus = DynamixelEmulator()
+        self.line = WatchedLine(self.bus, self.clock)
         self.pan, self.tilt = self.bus.servos[1], self.bus.servos[2]
-        monkeypatch.setattr("serial.serial_for_url", self.bus.open)
+        monkeypatch.setattr("serial.serial_for_url", self.line.open)
 
     def extended(self):
         for servo in (self.pan, self.tilt):
@@ -257,9 +260,9 @@ def test_a_movement_of_an_earlier_run_is_ended_by_opening(rig):
     rig.clock.sleep(1.0)
     here = rig.pan.true
     stage = rig.stage()
-    assert rig.pan.true == pytest.approx(here, abs=10)
+    assert rig.pan.true == pytest.approx(here, abs=30)
     rig.clock.sleep(5.0)
-    assert rig.pan.true == pytest.approx(here, abs=10)
+    assert rig.pan.true == pytest.approx(here, abs=30)
     assert not stage.needs_home
 
 
@@ -291,23 +294,28 @@ def test_an_interrupt_stops_it_within_a_fifth_of_a_second(rig):
     assert not stage.needs_home
 
 
-@pytest.mark.parametrize("late", ["lost", 0.09, 0.3])
-def test_a_halt_goes_out_although_the_line_is_in_doubt(rig, late):
+@pytest.mark.parametrize(
+    "fault", [Fault("lost"), Fault("late", 0.09), Fault("late", 0.3), Fault("late", 2.0)]
+)
+def test_a_halt_goes_out_although_the_line_is_in_doubt(rig, fault):
     stage = rig.stage()
     stage.move_to(radians(40), 0.0)
     rig.clock.sleep(0.5)
     told = rig.bus.now() + 0.3
-    stage.interrupted = lambda: rig.bus.now() >= told and not rig.bus.faults.append(late)
-    with pytest.raises((MotionStoppedError, OperationError)):
+    stage.interrupted = lambda: rig.bus.now() >= told
+    rig.line.spoil([None] * 30 + [fault] * 3)
+    with pytest.raises(MotionStoppedError):
         stage.wait()
-    halted = next(at for at, data in rig.bus.writes if at >= told and data[7:9] == b"\x03\x6c")
-    assert halted - told < 0.2
+    halts = [at for at, data in rig.line.writes if at >= told and data[7:9] == b"\x03\x6c"]
+    assert halts[0] - told < 0.2
+    assert not rig.pan.moving
+    assert len(rig.bus.moves) == 1, "the halt itself goes nowhere"
 
 
 def test_a_late_acknowledgement_is_not_a_position(rig):
     stage = rig.stage()
     stage.move_to(radians(20), radians(5))
-    rig.bus.faults.extend([0.15, "doubled", 0.15, "doubled"] * 2)
+    rig.line.spoil([Fault("late", 0.15), Fault("twice", 0.015), Fault("late", 0.3), Fault("twice", 0.3)] * 2)
     stage.wait()
     position = stage.position
     assert (position.pan, position.tilt) == pytest.approx((radians(20), radians(5)), abs=COUNT / 2)
@@ -315,10 +323,10 @@ def test_a_late_acknowledgement_is_not_a_position(rig):
 
 def test_positions_that_follow_each_other_differ_in_length(rig):
     stage = rig.stage()
-    at = len(rig.bus.writes)
+    at = len(rig.line.writes)
     for _ in range(30):
         _ = stage.position
-    sizes = [decode(data)[0].parameters[2] for _, data in rig.bus.writes[at:]]
+    sizes = [decode(data)[0].parameters[2] for _, data in rig.line.writes[at:]]
     assert all(one != other for one, other in pairwise(sizes))
     assert all(len(set(sizes[at : at + 13])) == 13 for at in range(20))
 
@@ -365,7 +373,7 @@ def test_unplugging_and_silence(rig):
     rig.bus.mute = False
     stage.close()
     stage.open()
-    rig.bus.plugged = False
+    rig.line.plugged = False
     with pytest.raises(DeviceLostError, match="serial line is gone"):
         _ = stage.position
 

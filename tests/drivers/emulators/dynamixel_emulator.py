@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import time
+from collections.abc import Iterable
+from math import tau
 from pathlib import Path
 
 from emulators.pty_emulator import PtyEmulator
-from emulators.virtual_line import VirtualLine
 
-from drivers.clock import VirtualClock
 from drivers.stages.dynamixel_packets import Packet, decode, encode
 
 COUNTS_PER_SECOND = 0.229 * 4096 / 60
 """In one unit of the profile velocity."""
+
+STILL = 10
+"""Counts that a goal may be off the position without meaning a movement."""
 
 AS_FAST_AS_IT_CAN = 60
 """Profile velocity that a profile velocity of 0 amounts to."""
@@ -35,7 +37,7 @@ class Servo:
         self.torque_at_start = False
         self.offset = self.fastest = 0
         self._from = self._to = 2048.0
-        self._at, self._speed = now(), 1.0
+        self._at, self._speed = 0.0, 1.0
         self.power_up()
 
     @property
@@ -55,10 +57,15 @@ class Servo:
         """What it reports: its turns count from where it was powered."""
         return round(self.true) + self._turns
 
+    @property
+    def true_goal(self) -> float:
+        """Its goal, with every turn of the cable."""
+        return self.goal - self._turns
+
     def power_up(self) -> None:
         """Power comes (back): it has let go, and knows its place within a turn only."""
         self.turn_by_hand(self.true)
-        self.torque = int(self.torque_at_start)
+        self.torque, self.hardware_error = int(self.torque_at_start), 0
         self.acceleration = self.velocity = 0
         self._forget_turns()
         self.goal = self.present
@@ -124,28 +131,59 @@ class Servo:
             return
         velocity = self.velocity or AS_FAST_AS_IT_CAN
         self._from, self._at = self.true, self._now()
-        self._to = float(self.goal - self._turns + self.offset)
+        self._to = float(self.true_goal + self.offset)
         self._speed = velocity * COUNTS_PER_SECOND
         if self._from != self._to:
             self.fastest = max(self.fastest, velocity)
 
 
-class DynamixelBusOfTwo:
+class DynamixelEmulator(PtyEmulator):
     """Servos 1 (pan) and 2 (tilt).
+
+    Args:
+        echo: the adapter echoes what is sent, as some half-duplex ones do.
+        extended: the servos are in extended position mode.
+        zeros: where their axes point to 0°, counts.
 
     Attributes:
         written: (servo, address, data) of each write that was carried out.
         goals: (servo, true counts) of each goal that was written.
+        moves: where it was sent to, true angles in radians.
+        halts: when it was told to halt.
     """
 
-    question = ""
-
-    def power_up(self, echo: bool = False) -> None:
-        self.servos = {1: Servo(self.now), 2: Servo(self.now)}
+    def __init__(
+        self,
+        link: Path | None = None,
+        echo: bool = False,
+        extended: bool = False,
+        zeros: tuple[int, int] = (2048, 2048),
+    ) -> None:
+        super().__init__(link)
+        self.servos = {1: Servo(lambda: self.now()), 2: Servo(lambda: self.now())}
         self.written: list[tuple[int, int, bytes]] = []
         self.goals: list[tuple[int, float]] = []
-        self._echo = echo
+        self.moves: list[tuple[float, float]] = []
+        self.halts: list[float] = []
+        self._echo, self._zeros = echo, zeros
         self._input = b""
+        for servo, zero in zip(self.servos.values(), zeros, strict=True):
+            servo.mode = 4 if extended else 3
+            servo.turn_by_hand(zero)
+            servo.power_up()
+
+    @property
+    def moving(self) -> bool:
+        return any(servo.moving for servo in self.servos.values())
+
+    @property
+    def true_angles(self) -> tuple[float, float]:
+        """Where the axes really point, radians."""
+        return self._angles(servo.true for servo in self.servos.values())
+
+    def _angles(self, counts: Iterable[float]) -> tuple[float, float]:
+        pan, tilt = ((at - zero) * tau / 4096 for at, zero in zip(counts, self._zeros, strict=True))
+        return pan, tilt
 
     def power_cycle(self) -> None:
         """Power fails and comes back: the servos have let go."""
@@ -165,8 +203,14 @@ class DynamixelBusOfTwo:
                 if answer is not None:
                     self.say(encode(Packet(packet.device, 0x55, answer)))
 
+    def _note(self, servo: Servo, moving: bool, before: float) -> None:
+        if abs(servo.true_goal - before) > STILL:
+            if servo.moving:
+                self.moves.append(self._angles(one.true_goal for one in self.servos.values()))
+        elif moving:
+            self.halts.append(self.now())
+
     def _answer(self, packet: Packet) -> bytes | None:
-        self.question = f"{packet.device} {packet.instruction} {packet.parameters[:2].hex()}"
         servo = self.servos[packet.device]
         alert = 0x80 if servo.hardware_error else 0
         if packet.instruction == 1:
@@ -175,32 +219,11 @@ class DynamixelBusOfTwo:
         if packet.instruction == 2:
             size = int.from_bytes(packet.parameters[2:4], "little")
             return bytes([alert]) + servo.read(address, size)
+        moving, before = servo.moving, servo.true
         error = servo.write(address, packet.parameters[2:])
         if not error:
             self.written.append((packet.device, address, packet.parameters[2:]))
             if address == 108:
-                self.goals.append((packet.device, servo.goal - servo._turns))
+                self.goals.append((packet.device, servo.true_goal))
+            self._note(servo, moving, before)
         return None if servo.status_return_level < 2 else bytes([alert | error])
-
-
-class DynamixelEmulator(DynamixelBusOfTwo, PtyEmulator):
-    """Servos on a pty.
-
-    Args:
-        echo: the adapter echoes what is sent, as some half-duplex ones do.
-    """
-
-    def __init__(self, link: Path | None = None, echo: bool = False) -> None:
-        PtyEmulator.__init__(self, link)
-        self.power_up(echo)
-
-    def now(self) -> float:
-        return time.monotonic()
-
-
-class VirtualDynamixels(DynamixelBusOfTwo, VirtualLine):
-    """Servos in virtual time."""
-
-    def __init__(self, clock: VirtualClock, echo: bool = False) -> None:
-        VirtualLine.__init__(self, clock)
-        self.power_up(echo)

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import re
-import time
 from collections import deque
-from math import hypot
+from collections.abc import Callable
+from math import hypot, radians
 from pathlib import Path
 
 from emulators.pty_emulator import PtyEmulator
-from emulators.virtual_line import VirtualLine
-
-from drivers.clock import VirtualClock
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 SETTINGS = {
@@ -58,29 +55,40 @@ class Leg:
         return {letter: at + share * (self.end[letter] - at) for letter, at in self.start.items()}
 
 
-class GrblController:
+class GrblEmulator(PtyEmulator):
     """Two rotary axes; opening the port resets the controller.
+
+    Args:
+        homing: limit switches are fitted and homing is on.
 
     Attributes:
         commands: the lines that were carried out.
-        targets: where it was told to go, in true angles.
+        moves: where it was sent to, true angles in radians; a homing counts as one to (0, 0).
+        halts: when it was told to halt.
         slip: what to add to each machine position for the true angle, degrees.
     """
 
-    HOMING_SECONDS = 2.0
+    HOMING_SECONDS = 0.3
     PULL_OFF = 1.0
     resets_on_opening = True
-    question = ""
 
-    def power_up(self, homing: bool = False) -> None:
-        """Everything as it is when the power comes on; the axes stand at true 0°."""
+    def __init__(self, link: Path | None = None, homing: bool = False) -> None:
+        super().__init__(link)
         self.settings = {**SETTINGS, 22: "1" if homing else "0"}
         self.startup = ["", ""]
+        self.build_info = b"[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\n"
         self.commands: list[str] = []
-        self.targets: list[Angles] = []
+        self.moves: list[tuple[float, float]] = []
+        self.halts: list[float] = []
         self.slip: Angles = {"X": 0.0, "Y": 0.0}
         self._machine: Angles = {"X": 0.0, "Y": 0.0}
+        self._due: list[tuple[float, Callable[[], None]]] = []
         self._boot()
+
+    @property
+    def true_angles(self) -> tuple[float, float]:
+        """Where the axes really point, radians."""
+        return radians(self.true["X"]), radians(self.true["Y"])
 
     @property
     def true(self) -> Angles:
@@ -91,7 +99,7 @@ class GrblController:
     @property
     def moving(self) -> bool:
         self._advance()
-        return (bool(self._legs) and self.state in ("Jog", "Run")) or self.phase == 1
+        return (bool(self._legs) and self.state in ("Jog", "Run")) or self.phase == 1 or self.state == "Home"
 
     def turn_by_hand(self, **to: float) -> None:
         """Somebody turns the axes while the motors have no power, or lets them slip."""
@@ -100,14 +108,16 @@ class GrblController:
 
     def restart(self) -> None:
         """A brown-out: the controller starts again by itself and has lost its position."""
-        self._lose_position()
-        self.say(BANNER)
+        with self._lock:
+            self._lose_position()
+            self.say(BANNER, event=True)
 
     def hit_limit(self) -> None:
         """A limit switch closes: everything stops and is locked until a reset; steps are lost."""
-        self._kill(1.5)
-        self.state, self._critical = "Alarm", True
-        self.say(b"ALARM:1\r\n[MSG:Reset to continue]\r\n")
+        with self._lock:
+            self._kill(1.5)
+            self.state, self._critical = "Alarm", True
+            self.say(b"ALARM:1\r\n[MSG:Reset to continue]\r\n", event=True)
 
     def run_program(self, **to: float) -> None:
         """A movement that is no jog, as another program would begin it."""
@@ -117,7 +127,7 @@ class GrblController:
     def client_opened(self) -> None:
         if self.resets_on_opening:
             self._lose_position()
-            self.after(0.05, self._greet)
+            self._due.append((self.now() + 0.05, self._greet))
 
     def handle(self, data: bytes) -> None:
         for byte in data:
@@ -125,11 +135,12 @@ class GrblController:
             self._advance()
             if character == b"?":
                 if self.state != "Home" and not self._critical:
-                    self.question = "?"
                     self.say(self._report())
             elif character == b"\x18":
+                self.halts.append(self.now())
                 self._reset()
             elif character == b"!":
+                self.halts.append(self.now())
                 self._hold()
             elif character == b"\x85":
                 if self.state == "Jog":
@@ -143,8 +154,15 @@ class GrblController:
                 self._input += character
         self._work()
 
+    def tick(self) -> None:
+        due = [action for at, action in self._due if at <= self.now()]
+        self._due = [entry for entry in self._due if entry[0] > self.now()]
+        for action in due:
+            action()
+        self._advance()
+        self._work()
+
     def _greet(self) -> None:
-        self.question = "start"
         self.say(BANNER + (b"[MSG:'$H'|'$X' to unlock]\r\n" if self.state == "Alarm" else b""))
 
     def _boot(self) -> None:
@@ -167,15 +185,15 @@ class GrblController:
 
     def _kill(self, lost: float) -> None:
         """Stop dead; a motor that was moving loses steps."""
-        if self.moving or self.state == "Home":
+        if self.moving:
             for letter in self.slip:
                 self.slip[letter] += lost
         self._legs.clear()
         self._homing_run += 1
 
     def _reset(self) -> None:
-        moving, homing = self.moving, self.state == "Home"
-        if moving or homing:
+        homing = self.state == "Home"
+        if self.moving:
             self._kill(0.7)
             self.state = "Alarm"
             self.say(b"ALARM:6\r\n" if homing else b"ALARM:3\r\n")
@@ -247,13 +265,12 @@ class GrblController:
 
     def _execute(self, line: str) -> None:
         self.commands.append(line)
-        self.question = line[:2]
         if line == "$$":
             self.say(
                 "".join(f"${key}={value}\r\n" for key, value in self.settings.items()).encode() + b"ok\r\n"
             )
         elif line == "$I":
-            self.say(b"[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n")
+            self.say(self.build_info + b"ok\r\n")
         elif line == "$N":
             self.say("".join(f"$N{n}={at}\r\n" for n, at in enumerate(self.startup)).encode() + b"ok\r\n")
         elif line == "$G":
@@ -275,7 +292,8 @@ class GrblController:
             self.say(b"error:9\r\n" if self.state == "Alarm" else b"error:8\r\n")
             return
         to = {word[0]: float(word[1:]) for word in words.split()}
-        self.targets.append({letter: at + self.slip[letter] for letter, at in to.items()})
+        end = {**(self._legs[-1].end if self._legs else self._machine), **to}
+        self.moves.append((radians(end["X"] + self.slip["X"]), radians(end["Y"] + self.slip["Y"])))
         self._enqueue(to, min(feed, float(self.settings[110])) / 60)
         if self._legs:
             self.state = "Jog"
@@ -288,7 +306,8 @@ class GrblController:
         self.state = "Home"
         self._homing_run += 1
         run = self._homing_run
-        self.after(self.HOMING_SECONDS, lambda: self._homed(run))
+        self.moves.append((0.0, 0.0))
+        self._due.append((self.now() + self.HOMING_SECONDS, lambda: self._homed(run)))
 
     def _homed(self, run: int) -> None:
         if run != self._homing_run or self.state != "Home":
@@ -298,55 +317,4 @@ class GrblController:
             self.slip[letter] = float(self.settings[travel]) / 2
         self.state = "Idle"
         self.say(b"ok\r\n")
-        self._work()
-
-
-class GrblEmulator(GrblController, PtyEmulator):
-    """A controller on a pty.
-
-    Args:
-        homing: limit switches are fitted and homing is on.
-    """
-
-    HOMING_SECONDS = 0.2
-
-    def __init__(self, link: Path | None = None, homing: bool = False) -> None:
-        PtyEmulator.__init__(self, link)
-        self._due: list[tuple[float, object]] = []
-        self.power_up(homing)
-
-    def now(self) -> float:
-        return time.monotonic()
-
-    def restart(self) -> None:
-        with self._lock:
-            super().restart()
-
-    def hit_limit(self) -> None:
-        with self._lock:
-            super().hit_limit()
-
-    def after(self, seconds, action) -> None:
-        self._due.append((self.now() + seconds, action))
-
-    def tick(self) -> None:
-        due, self._due = (
-            [action for at, action in self._due if at <= self.now()],
-            [entry for entry in self._due if entry[0] > self.now()],
-        )
-        for action in due:
-            action()
-        self._work()
-
-
-class VirtualGrbl(GrblController, VirtualLine):
-    """A controller in virtual time."""
-
-    def __init__(self, clock: VirtualClock, homing: bool = False) -> None:
-        VirtualLine.__init__(self, clock)
-        self.power_up(homing)
-
-    def run(self) -> None:
-        super().run()
-        self._advance()
         self._work()
