@@ -195,6 +195,7 @@ class PtuEmulator(PtyEmulator):
         name, motion, (low, high) = NAMES[axis], self.axes[axis], LIMITS[axis]
         return {
             "P": (f"Current {name} position is", round(motion.position), ""),
+            "O": (f"Target {name} position is", round(motion.target), ""),
             "R": ("", f"{RESOLUTION:.6f}", "seconds arc per position"),
             "N": (f"Minimum {name} position is", low, ""),
             "X": (f"Maximum {name} position is", high, ""),
