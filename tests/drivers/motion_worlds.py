@@ -17,6 +17,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from emulators.dynamixel_emulator import DynamixelEmulator
+from emulators.grbl_emulator import GrblEmulator
 from emulators.ptu_emulator import PtuEmulator
 
 
@@ -41,6 +43,12 @@ class MotionWorld:
     tolerance: float = 1e-3
 
 
+def turned_to_zero(controller: GrblEmulator) -> None:
+    """Somebody turns the axes there by hand."""
+    if not controller.moving:
+        controller.turn_by_hand(X=0.0, Y=0.0)
+
+
 WORLDS: dict[str, MotionWorld] = {
     "ptu": MotionWorld(
         "ptu",
@@ -51,5 +59,44 @@ WORLDS: dict[str, MotionWorld] = {
             "power fails": PtuEmulator.power_cycle,
             "power fails and zero is lost": PtuEmulator.lose_count,
         },
+    ),
+    "grbl without switches": MotionWorld(
+        "grbl",
+        GrblEmulator,
+        options={"tilt_axis": "Y"},
+        accidents={
+            "a limit switch closes": GrblEmulator.hit_limit,
+            "the controller restarts": GrblEmulator.restart,
+        },
+        before_home=turned_to_zero,
+    ),
+    "grbl with switches": MotionWorld(
+        "grbl",
+        lambda: GrblEmulator(homing=True),
+        options={"tilt_axis": "Y"},
+        accidents={
+            "a limit switch closes": GrblEmulator.hit_limit,
+            "the controller restarts": GrblEmulator.restart,
+        },
+    ),
+    "dynamixel": MotionWorld(
+        "dynamixel",
+        DynamixelEmulator,
+        options={"tilt_id": 2},
+        accidents={
+            "pan is overloaded": lambda bus: bus.servos[1].shut_down(0x20),
+            "power fails": DynamixelEmulator.power_cycle,
+        },
+        before_home=DynamixelEmulator.power_cycle,
+    ),
+    "dynamixel that counts turns": MotionWorld(
+        "dynamixel",
+        lambda: DynamixelEmulator(extended=True, zeros=(100, 2048)),
+        options={"tilt_id": 2, "pan_zero": 100},
+        accidents={
+            "tilt overheats": lambda bus: bus.servos[2].shut_down(0x04),
+            "power fails": DynamixelEmulator.power_cycle,
+        },
+        before_home=DynamixelEmulator.power_cycle,
     ),
 }
