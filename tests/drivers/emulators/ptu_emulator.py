@@ -69,7 +69,7 @@ class PtuEmulator(PtyEmulator):
         with self._lock:
             self.axes[axis].stop()
             self.slipped[axis] += 40
-            self.say(b"!" + axis.encode() + b"\r\n", event=True)
+            self.announce(b"!" + axis.encode() + b"\r\n")
 
     def autoscan(self) -> None:
         """It turns to and fro until it gets a byte."""
@@ -96,7 +96,7 @@ class PtuEmulator(PtyEmulator):
             self.scans = False
             self._go("P", 0)
         if self.echo:
-            self.say(data, event=True)
+            self.announce(data)
         self._input += data
 
     def tick(self) -> None:
