@@ -85,6 +85,7 @@ class Stage(Device):
     @property
     def homing(self) -> str:
         """What `home` will do, for the person who has to consent to it."""
+        self._require_open("home")
         return self._homing()
 
     def home(self) -> None:

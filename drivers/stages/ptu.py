@@ -58,7 +58,7 @@ class PtuStage(SerialStage):
     """A pan-tilt unit. Its steppers run open loop: lost steps show only where an axis hits a limit.
 
     A unit calibrates itself at power-up, unless that was switched off (`RD`); its position counts as known
-    when it is opened.
+    when it is opened, unless it moves then.
     """
 
     Options = PtuOptions
@@ -67,6 +67,10 @@ class PtuStage(SerialStage):
     def _greet(self) -> None:
         self._target: tuple[int, int] | None = None
         self._unit = PtuDialogue(self._line, self.clock)
+        if self._unit.halt_what_moves():
+            self._declare_unknown(
+                "the head moved when it was opened (an autoscan, or another program), and was halted"
+            )
         self._unit.greet(self.options.startup_timeout)
         try:
             self._halt()

@@ -55,9 +55,7 @@ class PtuDialogue:
         """Answers that belonged to nothing just asked: late ones, doubled ones, noise."""
 
     def greet(self, timeout: float) -> None:
-        """Halt, and set the manner of speaking; repeated while a unit just powered calibrates itself.
-
-        The first byte ends an autoscan, upon which the unit would go home by itself: the halt follows.
+        """Set the manner of speaking, again and again while a unit just powered calibrates itself.
 
         Raises:
             InitialisationError: nothing that speaks this protocol answers within `timeout` seconds.
@@ -76,6 +74,21 @@ class PtuDialogue:
                     )
             self._configure()  # again: the unit may have woken up after the first of the settings
             self._echo = b"V" in self._fence().before.upper()
+
+    def halt_what_moves(self) -> bool:
+        """The first words to a unit: halt; whether it was on its way somewhere then.
+
+        The first byte ends an autoscan, upon which the unit would go home by itself. So where it is and where
+        it wants to be is asked in one breath with the halt, in whatever manner it speaks.
+        """
+        self._line.pending()
+        self._line.send(b" PO PP TO TP H ")
+        self._replies.feed(self._line.discard(2 * QUIET_SECONDS))
+        numbers = []
+        while (reply := self._replies.take(query=True, final=True)) is not None:
+            numbers += [] if reply.kind != "done" or reply.number is None else [reply.number]
+        self._replies.clear()
+        return len(numbers) == 4 and numbers[::2] != numbers[1::2]
 
     def command(self, command: str, timeout: float = ANSWER_SECONDS) -> None:
         """Send a command that may be repeated without harm, and await its `*`; raises as `query`."""
@@ -174,7 +187,7 @@ class PtuDialogue:
     def _answer(self, query: str, deadline: int) -> Reply | None:
         """The answer to a query (empty = a command), or a refusal; None where none comes in time."""
         while (reply := self._next_reply(bool(query), deadline)) is not None:
-            wanted = query != VERSION if reply.kind == "refused" else _fits(reply, query)
+            wanted = query != VERSION if reply.kind == "refused" else reply.fits(query)
             if wanted:
                 return reply
             self._stray(reply)
@@ -238,10 +251,3 @@ class PtuDialogue:
 
     def _deadline(self, seconds: float) -> int:
         return self._clock.now() + round(seconds * 1e9)
-
-
-def _fits(reply: Reply, query: str) -> bool:
-    """Whether `*` and what follows it answer a query, or a command (empty)."""
-    if not query:
-        return not reply.text
-    return answers(query, reply.text) and (query in (VERSION, LIMITS) or reply.number is not None)

@@ -64,6 +64,12 @@ class Reply:
         clean = self.text.isascii() and self.text.isprintable()
         return float(found[0]) if clean and len(found) == 1 else None
 
+    def fits(self, query: str) -> bool:
+        """Whether the text answers a query, or the bare `*` a command (empty)."""
+        if not query:
+            return not self.text
+        return answers(query, self.text) and (query in _TEXTS or self.number is not None)
+
 
 class Replies:
     """Cuts replies out of bytes as they arrive."""

@@ -90,6 +90,7 @@ def run(
     was lost: a damaged recording, a burst that could not be fused,
     something not delivered. A daemon told to stop ends with 0.
     """
+    from drivers.errors import MotionStoppedError
     from service.capture.rig import make_rig
     from service.cli.operator import TerminalOperator, with_consent
     from service.cli.progress import shown_progress
@@ -106,7 +107,12 @@ def run(
     with shown_progress(quiet=as_json or not once) as watch:
         daemon = Daemon(configuration, rig, output=output, once=once, watch=watch)
         with _stopped_by_signals(daemon):
-            summary = daemon.run()
+            try:
+                summary = daemon.run()
+            except MotionStoppedError as error:  # while the stage was opened: there is nothing to sum up
+                if once:
+                    raise typer.Abort from error
+                return
     if as_json:
         print(summary.model_dump_json(indent=2))
     else:

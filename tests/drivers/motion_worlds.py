@@ -7,7 +7,7 @@ Its emulator derives from `PtyEmulator` and has, besides `handle`, `tick` and `c
 - `moving`: whether it turns; `true_angles`: where it truly points, (pan, tilt) in radians, whatever it
   believes.
 
-It takes its time from `self.now()`, tells answers from events (`say(…, event=True)`), and can be built before
+It takes its time from `self.now()`, tells answers (`say`) from events (`announce`), and can be built before
 the clock is known.
 """
 

@@ -308,6 +308,9 @@ def test_a_closed_stage_says_so(stage):
     for action in (
         stage.home,
         stage.wait,
+        stage.stop,
+        lambda: stage.speed,
+        lambda: stage.homing,
         lambda: stage.move_to(0.0, 0.0),
         lambda: stage.position,
         lambda: stage.limits,

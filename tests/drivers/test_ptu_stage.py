@@ -173,6 +173,20 @@ def test_a_late_answer_is_no_acknowledgement(bench, stage, lateness):
     assert degrees(bench.unit.true_angles[0]) == pytest.approx(5, abs=0.05)
 
 
+def test_an_old_answer_to_the_same_query_is_no_arrival():
+    """There and back again, while what was said at the start is said once more, some time later."""
+    for hundredths in range(30, 130):
+        bench = Bench()
+        stage = bench.open()
+        bench.next_answers(Fault("late"), Fault("late"), Fault("late"), Fault("twice", hundredths / 100))
+        _ = stage.position
+        for tilt in (radians(3), 0.0):
+            stage.move_to(0.0, tilt)
+            stage.wait()
+            assert not bench.unit.moving, f"doubled after {hundredths / 100} s"
+            assert bench.unit.true_angles[1] == pytest.approx(tilt, abs=COUNT / 2)
+
+
 def test_accepts_a_unit_that_always_echoes(bench):
     mode = bench.unit._set_mode
     bench.unit._set_mode = lambda command: mode(command) if command != "ED" else None
@@ -307,8 +321,19 @@ def test_an_autoscan_that_opening_ends_does_not_send_the_head_home(bench):
     before = bench.unit.true_angles[0]
     stage = bench.open()
     bench.clock.sleep(5.0)
-    assert bench.unit.true_angles[0] == pytest.approx(before, abs=radians(1))
-    assert stage.position.pan == pytest.approx(bench.unit.true_angles[0], abs=COUNT)
+    assert bench.unit.true_angles[0] == pytest.approx(before, abs=radians(0.1))
+    assert "moved when it was opened" in stage.uncertainty
+    with pytest.raises(StateError, match="an autoscan, or another program"):
+        stage.move_to(0.0, 0.0)
+    stage.home()
+    assert stage.uncertainty is None
+
+
+@pytest.mark.parametrize("manner", ["as delivered", "as this driver leaves it", "terse"])
+def test_a_head_at_rest_is_not_taken_for_a_moving_one(bench, manner):
+    bench.unit.echo, bench.unit.verbose = manner == "as delivered", manner != "terse"
+    bench.unit.axes["P"].set(700)
+    assert bench.open().uncertainty is None
 
 
 def test_a_head_that_has_been_turned_on_is_not_turned_back(bench, stage):

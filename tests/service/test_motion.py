@@ -13,7 +13,7 @@ import pytest
 from scripted import ScriptedStage
 from typer.testing import CliRunner
 
-from drivers import DeviceLostError, DeviceTimeoutError, LimitError, Position
+from drivers import DeviceLostError, DeviceTimeoutError, LimitError, MotionStoppedError, Position
 from drivers.backends import STAGES
 from drivers.clock import Clock, VirtualClock
 from drivers.device import BackendOptions
@@ -243,6 +243,15 @@ def test_commands_that_turn_nothing_do_not_even_open_the_stage(needy, tmp_path, 
     monkeypatch.setattr(NeedyStage, "_open", lambda self: pytest.fail("opened"))  # noqa: ARG005
     assert lidarboost("capture", "-c", needy, "-n", 2, "-o", tmp_path / "look.mcap").exit_code == 0
     assert lidarboost("hz", "-c", needy, "--seconds", 0.5).exit_code == 0
+
+
+@pytest.mark.parametrize(("words", "status"), [((), 0), (("--once",), 130)])
+def test_stopped_while_the_stage_is_opened_it_ends_as_told(needy, monkeypatch, words, status) -> None:
+    def interrupted(_self: NeedyStage) -> None:
+        raise MotionStoppedError("told to stop")
+
+    monkeypatch.setattr(NeedyStage, "_open", interrupted)
+    assert lidarboost("run", needy, *words).exit_code == status
 
 
 def test_calibrating_the_mount_asks_for_consent_too(needy, tmp_path) -> None:

@@ -110,14 +110,14 @@ class GrblEmulator(PtyEmulator):
         """A brown-out: the controller starts again by itself and has lost its position."""
         with self._lock:
             self._lose_position()
-            self.say(BANNER, event=True)
+            self.announce(BANNER)
 
     def hit_limit(self) -> None:
         """A limit switch closes: everything stops and is locked until a reset; steps are lost."""
         with self._lock:
             self._kill(1.5)
             self.state, self._critical = "Alarm", True
-            self.say(b"ALARM:1\r\n[MSG:Reset to continue]\r\n", event=True)
+            self.announce(b"ALARM:1\r\n[MSG:Reset to continue]\r\n")
 
     def run_program(self, **to: float) -> None:
         """A movement that is no jog, as another program would begin it."""

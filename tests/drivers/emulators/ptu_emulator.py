@@ -69,7 +69,7 @@ class PtuEmulator(PtyEmulator):
         with self._lock:
             self.axes[axis].stop()
             self.slipped[axis] += 40
-            self.say(b"!" + axis.encode() + b"\r\n", event=True)
+            self.announce(b"!" + axis.encode() + b"\r\n")
 
     def autoscan(self) -> None:
         """It turns to and fro until it gets a byte."""
@@ -96,7 +96,7 @@ class PtuEmulator(PtyEmulator):
             self.scans = False
             self._go("P", 0)
         if self.echo:
-            self.say(data, event=True)
+            self.announce(data)
         self._input += data
 
     def tick(self) -> None:
@@ -195,6 +195,7 @@ class PtuEmulator(PtyEmulator):
         name, motion, (low, high) = NAMES[axis], self.axes[axis], LIMITS[axis]
         return {
             "P": (f"Current {name} position is", round(motion.position), ""),
+            "O": (f"Target {name} position is", round(motion.target), ""),
             "R": ("", f"{RESOLUTION:.6f}", "seconds arc per position"),
             "N": (f"Minimum {name} position is", low, ""),
             "X": (f"Maximum {name} position is", high, ""),

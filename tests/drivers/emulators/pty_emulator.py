@@ -74,8 +74,12 @@ class PtyEmulator:
             if self._link is not None:
                 self._link.unlink(missing_ok=True)
 
-    def say(self, data: bytes, event: bool = False) -> None:  # noqa: ARG002
-        """Send bytes to the client: one answer, or an event that nobody asked for."""
+    def announce(self, data: bytes) -> None:
+        """Send what nobody asked for: an event, an echo, a banner."""
+        self.say(data)
+
+    def say(self, data: bytes) -> None:
+        """Send an answer to the client."""
         with self._lock:
             if self._master is not None and not self.mute:
                 os.write(self._master, data)

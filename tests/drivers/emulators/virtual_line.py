@@ -47,6 +47,7 @@ class VirtualLine:
         self.is_open = False
         device.now = lambda: clock.now() * 1e-9
         device.say = self._said  # type: ignore[method-assign]
+        device.announce = self._announced  # type: ignore[method-assign]
         self._arrivals: list[tuple[float, bytes]] = []
         self._last = 0.0
 
@@ -81,24 +82,25 @@ class VirtualLine:
 
     def _arrived(self) -> list[tuple[float, bytes]]:
         self.device.tick()
+        self._arrivals.sort(key=lambda item: item[0])
         return [item for item in self._arrivals if item[0] <= self.device.now()]
 
-    def _said(self, data: bytes, event: bool = False) -> None:
+    def _said(self, data: bytes) -> None:
+        fault = self.faults.get(self.answers, Fault("late"))
+        self.answers += 1
+        if fault.kind != "lost":
+            late = fault.seconds if fault.kind == "late" else 0.0
+            self._deliver(fault.pieces or (data,), late)
+        if fault.kind == "twice":
+            self._arrivals.append((self._last + fault.seconds, data))
+
+    def _announced(self, data: bytes) -> None:
+        self._deliver((data,))
+
+    def _deliver(self, pieces: tuple[bytes, ...], late: float = 0.0) -> None:
         if self.device.mute:
             return
-        at = max(self._last, self.device.now() + self.DELAY)
-        fault = None
-        if not event:
-            fault = self.faults.get(self.answers)
-            self.answers += 1
-        if fault is not None and fault.kind == "lost":
-            return
-        if fault is not None and fault.kind == "late":
-            at += fault.seconds
-        pieces = fault.pieces if fault is not None and fault.kind == "garbled" else (data,)
+        at = max(self._last, self.device.now() + self.DELAY) + late
         for number, piece in enumerate(pieces):
             self._last = at + 0.05 * number
             self._arrivals.append((self._last, piece))
-        if fault is not None and fault.kind == "twice":
-            self._arrivals.append((at + fault.seconds, data))
-        self._arrivals.sort(key=lambda item: item[0])
