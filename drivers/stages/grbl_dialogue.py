@@ -55,7 +55,8 @@ class GrblDialogue:
         self._markers = cycle(MARKERS)
         self._owed = False
         """Whether an answer is outstanding, or was never waited for."""
-        self._homing = False
+        self._is_deaf = False
+        """Whether it heeds nothing but a reset: while homing, or after an alarm for a limit."""
 
     def greet(self) -> None:
         """Wait for the banner: opening the port resets most boards. Of others, only a silent one is reset.
@@ -82,7 +83,7 @@ class GrblDialogue:
         Where it stood, it keeps its position; where it moved, it falls into an alarm (doc/commands.md).
         """
         self._line.send(SOFT_RESET)
-        self._homing = False
+        self._is_deaf = False
         return self._banner() or self._caught_up()
 
     def halt(self, seconds: float) -> bool:
@@ -94,7 +95,7 @@ class GrblDialogue:
         Raises:
             OperationError: nothing says that it stands.
         """
-        if self._homing:  # deaf to all but a reset
+        if self._is_deaf:
             self._reset_for_certain()
             return False
         self._line.send(HOLD_AND_CANCEL_JOG)
@@ -108,9 +109,9 @@ class GrblDialogue:
 
     def home(self, timeout: float) -> None:
         """Run the homing cycle; raises as `command`."""
-        self._homing = True
+        self._is_deaf = True
         self.command("$H", timeout, attempts=1)
-        self._homing = False
+        self._is_deaf = False
 
     def command(self, command: str, timeout: float = ANSWER_SECONDS, attempts: int = 2) -> list[str]:
         """Send a line, again where noise spoilt it; the lines that came before its `ok`.
@@ -251,6 +252,7 @@ class GrblDialogue:
                 f"{self._line.name}: the controller has restarted; close it, open it again and home it"
             )
         if alarm := ALARM.search(line):
+            self._is_deaf = True
             meaning = ALARMS.get(int(alarm[1]), "see Grbl's list of alarms")
             raise LimitError(f"{self._line.name}: ALARM:{alarm[1]}, {meaning}; home it")
 

@@ -173,6 +173,19 @@ def test_without_switches_home_takes_where_it_stands_for_zero(rig):
     assert rig.grbl.true == pytest.approx({"X": 37.0, "Y": 7.0}, abs=0.004)
 
 
+def test_without_switches_what_is_on_its_way_does_not_stand_at_zero(rig):
+    stage = rig.homed()
+    stage.move_to(radians(40), 0.0)
+    rig.clock.sleep(1.0)
+    with pytest.raises(OperationError, match="it was on its way, and is stopped; turn it to 0°"):
+        stage.home()
+    assert not rig.grbl.moving
+    assert stage.needs_home
+    rig.grbl.turn_by_hand(X=0.0)
+    stage.home()
+    assert angles(stage) == (0.0, 0.0)
+
+
 def test_with_switches_home_finds_them(rig):
     rig.fit(homing=True)
     rig.grbl.turn_by_hand(X=12.0)
@@ -239,8 +252,8 @@ def test_an_interrupt_stops_it_within_a_fifth_of_a_second(rig):
     stage.interrupted = lambda: rig.grbl.now() >= told
     with pytest.raises(MotionStoppedError):
         stage.wait()
-    halt = next(at for at, data in rig.line.writes if data == b"!\x85")
-    assert told <= halt < told + 0.2
+    halt = next(at for at, data in rig.line.writes if at >= told and data == b"!\x85")
+    assert halt < told + 0.2
     assert not rig.grbl.moving
     assert not stage.needs_home
 
