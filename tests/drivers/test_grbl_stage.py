@@ -347,6 +347,17 @@ def test_an_alarm_whose_message_was_lost_is_noticed(rig):
     assert stage.needs_home
 
 
+def test_a_report_from_before_a_movement_is_not_taken_for_one_after_it(rig):
+    stage = rig.homed()
+    rig.line.spoil([None, Fault("twice", 2.0)])
+    assert angles(stage) == (0.0, 0.0)
+    comes_again = rig.clock.now() / 1e9 + 2.0
+    stage.move_to(radians(5), 0.0)
+    stage.wait()
+    rig.clock.sleep(comes_again - 0.005 - rig.clock.now() / 1e9)
+    assert angles(stage) == degrees_of(5, 0)
+
+
 def test_a_feed_hold_from_elsewhere_is_noticed(rig):
     stage = rig.homed()
     rig.line.write(b"!")
