@@ -118,8 +118,14 @@ class DynamixelStage(SerialStage):
             self._go(axis, axis.counts(angle))
 
     def _go(self, axis: Axis, goal: int) -> None:
-        self._goals[axis.servo] = goal
+        self._set_out(axis, goal)
         self._bus.go(axis.servo, self._profile_acceleration, self._velocity, goal)
+
+    def _set_out(self, axis: Axis, goal: int) -> None:
+        """Note the goal, and where the servo must be when it is sent there."""
+        if axis.servo in self._seen:
+            self._seen[axis.servo] = self.clock.now(), self._reckoned(axis).position
+        self._goals[axis.servo] = goal
 
     def _go_confirmed(self, axis: Axis, goal: int) -> None:
         self._go(axis, goal)
@@ -215,7 +221,7 @@ class DynamixelStage(SerialStage):
             goal = self._bus.goal(axis.servo)[1]
         off = found.moving or abs(found.position - goal) > self.options.tolerance
         if off:
-            self._goals[axis.servo] = axis.nearest(found.position)
+            self._set_out(axis, axis.nearest(found.position))
         return off
 
     def _reckoned(self, axis: Axis) -> Motion:

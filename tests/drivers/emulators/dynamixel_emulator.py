@@ -16,6 +16,9 @@ COUNTS_PER_SECOND = 0.229 * 4096 / 60
 STILL = 10
 """Counts that a goal may be off the position without meaning a movement."""
 
+BRAKING = 30
+"""Counts on its way that a halt may take: 2.6°."""
+
 AS_FAST_AS_IT_CAN = 60
 """Profile velocity that a profile velocity of 0 amounts to."""
 
@@ -203,8 +206,11 @@ class DynamixelEmulator(PtyEmulator):
                 if answer is not None:
                     self.say(encode(Packet(packet.device, 0x55, answer)))
 
-    def _note(self, servo: Servo, moving: bool, before: float) -> None:
-        if abs(servo.true_goal - before) > STILL:
+    def _note(self, servo: Servo, moving: bool, at: float, goal: float) -> None:
+        """Whether a goal sets it in motion, or ends one: at once, or a little further on its way."""
+        rest = servo.true_goal - at
+        on_its_way = rest * (goal - at) > 0 and abs(rest) <= min(BRAKING, abs(goal - at))
+        if abs(rest) > STILL and not (moving and on_its_way):
             if servo.moving:
                 self.moves.append(self._angles(one.true_goal for one in self.servos.values()))
         elif moving:
@@ -219,11 +225,11 @@ class DynamixelEmulator(PtyEmulator):
         if packet.instruction == 2:
             size = int.from_bytes(packet.parameters[2:4], "little")
             return bytes([alert]) + servo.read(address, size)
-        moving, before = servo.moving, servo.true
+        moving, before, after = servo.moving, servo.true, servo.true_goal
         error = servo.write(address, packet.parameters[2:])
         if not error:
             self.written.append((packet.device, address, packet.parameters[2:]))
             if address == 108:
                 self.goals.append((packet.device, servo.true_goal))
-            self._note(servo, moving, before)
+            self._note(servo, moving, before, after)
         return None if servo.status_return_level < 2 else bytes([alert | error])
