@@ -64,15 +64,15 @@ class Session:
 
     def wait(self, cut=None):
         """Until it has arrived, or is interrupted after `cut` seconds; it stands in any case then."""
-        began = self.clock.now()
+        began, moved = self.clock.now(), self.device.moving
         if cut is not None:
             self.stage.interrupted = lambda: self.clock.now() - began > cut * 1e9
         try:
             self._unmoved(self.stage.wait)
         except MotionStoppedError:
-            due = began * 1e-9 + cut
-            halts = (at for at in self.device.halts if at >= began * 1e-9)
-            assert min(halts, default=due) <= due + HALT_SECONDS  # none: it stood already
+            halts = [at for at in self.device.halts if at >= began * 1e-9]
+            if moved and halts:  # else it stood, or has arrived meanwhile
+                assert halts[0] - began * 1e-9 - cut <= HALT_SECONDS
             raise
         finally:
             self.stage.interrupted = lambda: False
