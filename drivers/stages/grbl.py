@@ -215,7 +215,11 @@ class GrblStage(SerialStage):
         self._pan = self._pan.at_zero(machine)
         self._tilt = self._tilt and self._tilt.at_zero(machine)
 
+    @property
+    def finds_reference(self) -> bool:
+        return self._has_switches
+
     def _homing(self) -> str:
         if self._has_switches:
             return "drives the axes to their limit switches, then turns to 0°, 0°"
-        return "takes where it stands for 0°, 0°; moves nothing"
+        return "takes where it stands for 0°, 0°, to which somebody has turned it; moves nothing"

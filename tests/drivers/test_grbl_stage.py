@@ -163,7 +163,8 @@ def test_options_that_cannot_be_are_refused(rig, options, said):
 def test_without_switches_home_takes_where_it_stands_for_zero(rig):
     rig.grbl.turn_by_hand(X=7.0, Y=-3.0)
     stage = rig.stage(pan_limits=(-20, 30))
-    assert stage.homing == "takes where it stands for 0°, 0°; moves nothing"
+    assert stage.homing.startswith("takes where it stands for 0°, 0°")
+    assert not stage.finds_reference
     stage.home()
     assert rig.grbl.true == {"X": 7.0, "Y": -3.0}
     assert angles(stage) == (0.0, 0.0)
@@ -191,6 +192,7 @@ def test_with_switches_home_finds_them(rig):
     rig.grbl.turn_by_hand(X=12.0)
     stage = rig.homed(pan_limits=(-30, 30))
     assert stage.homing.startswith("drives the axes to their limit switches")
+    assert stage.finds_reference
     assert rig.grbl.true == pytest.approx({"X": 0.0, "Y": 0.0}, abs=0.004)
     assert angles(stage) == degrees_of(0, 0)
 
