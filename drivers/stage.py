@@ -49,7 +49,7 @@ class Stage(Device):
         self.interrupted: Callable[[], bool] = lambda: False
         """Asked all the time while the stage moves or is spoken to; true stops the movement."""
         self._unknown: str | None = None
-        self._moving = self._stopping = False
+        self._moving = self._ending = False
         self._due = 0
 
     def open(self) -> None:
@@ -70,7 +70,8 @@ class Stage(Device):
         """As `Device.close`; a stage that still moves is stopped first."""
         if self.is_open:
             self._stop_movement()
-        super().close()
+        with self._undisturbed():
+            super().close()
 
     @property
     def uncertainty(self) -> str | None:
@@ -154,15 +155,13 @@ class Stage(Device):
             OperationError: it is not certain that it stands; the position is unknown.
         """
         self._require_open("stop")
-        self._stopping = True
-        try:
-            self._stop()
-            self._moving = False
-        except BaseException as error:
-            self._declare_unknown(f"it could not be stopped for certain: {error}")
-            raise
-        finally:
-            self._stopping = False
+        with self._undisturbed():
+            try:
+                self._stop()
+                self._moving = False
+            except BaseException as error:
+                self._declare_unknown(f"it could not be stopped for certain: {error}")
+                raise
 
     @property
     def position(self) -> Position:
@@ -232,9 +231,17 @@ class Stage(Device):
             self._heed()
 
     def _heed(self) -> None:
-        """Raise `MotionStoppedError` once interrupted, except while stopping."""
-        if not self._stopping and self.interrupted():
+        """Raise `MotionStoppedError` once interrupted, except while stopping and closing."""
+        if not self._ending and self.interrupted():
             raise MotionStoppedError(f"{self}: told to stop")
+
+    @contextmanager
+    def _undisturbed(self) -> Iterator[None]:
+        before, self._ending = self._ending, True
+        try:
+            yield
+        finally:
+            self._ending = before
 
     @contextmanager
     def _known(self, action: str) -> Iterator[None]:

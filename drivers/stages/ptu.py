@@ -7,6 +7,8 @@ from math import degrees, floor, radians
 
 from pydantic import Field
 
+from drivers.clock import Clock
+from drivers.device import BackendOptions
 from drivers.errors import DeviceLostError, InitialisationError, LimitError, OperationError
 from drivers.position import Limits, Position
 from drivers.stages.ptu_dialogue import EVENTS, PtuDialogue
@@ -64,14 +66,22 @@ class PtuStage(SerialStage):
     Options = PtuOptions
     options: PtuOptions
 
-    def _greet(self) -> None:
+    def __init__(self, options: BackendOptions | None = None, clock: Clock | None = None) -> None:
+        super().__init__(options, clock)
         self._target: tuple[int, int] | None = None
+        self._was_quiet = False
+
+    def _greet(self) -> None:
+        self._target = None
         self._unit = PtuDialogue(self._line, self.clock)
         if self._unit.halt_what_moves():
             self._declare_unknown(
                 "the head moved when it was opened (an autoscan, or another program), and was halted"
             )
+        if self._was_quiet and self._unit.echoed_at_first:
+            self._declare_unknown("the unit has restarted while it was not listened to")
         self._unit.greet(self.options.startup_timeout)
+        self._was_quiet = self._unit.is_quiet
         try:
             self._halt()
             if not self._unit.enforces_limits():
@@ -83,6 +93,15 @@ class PtuStage(SerialStage):
             raise InitialisationError(
                 f"{error} (while it was set up; speed and acceleration are among stage.options)"
             ) from error
+
+    def _close(self) -> None:
+        try:
+            self._unit.listen()
+        except LimitError as error:
+            self._declare_unknown(str(error))
+        except DeviceLostError:
+            pass
+        super()._close()
 
     def _set_up(self, letter: str) -> Axis:
         # The unit gives its resolution in arc seconds per position.

@@ -50,7 +50,7 @@ class PtuDialogue:
         self._clock = clock
         self._replies = Replies()
         self._events_are_normal = False
-        self._echo = False
+        self._echo = self.echoed_at_first = False
         self.strays = 0
         """Answers that belonged to nothing just asked: late ones, doubled ones, noise."""
 
@@ -75,6 +75,15 @@ class PtuDialogue:
             self._configure()  # again: the unit may have woken up after the first of the settings
             self._echo = b"V" in self._fence().before.upper()
 
+    @property
+    def is_quiet(self) -> bool:
+        """Whether the unit has switched its echo off, so that it tells by echoing when it has restarted."""
+        return not self._echo
+
+    def listen(self) -> None:
+        """Hear the unit out; raises as `query` for a limit that was hit."""
+        self._settle()
+
     def halt_what_moves(self) -> bool:
         """The first words to a unit: halt; whether it was on its way somewhere then.
 
@@ -83,7 +92,9 @@ class PtuDialogue:
         """
         self._line.pending()
         self._line.send(b" PO PP TO TP H ")
-        self._replies.feed(self._line.discard(2 * QUIET_SECONDS))
+        said = self._line.discard(2 * QUIET_SECONDS)
+        self.echoed_at_first = b"PO PP" in said.upper()
+        self._replies.feed(said)
         numbers = []
         while (reply := self._replies.take(query=True, final=True)) is not None:
             numbers += [] if reply.kind != "done" or reply.number is None else [reply.number]

@@ -217,6 +217,18 @@ def test_a_halt_leaves_it_where_it_is_and_known(bench, stage):
     assert (stage.position.pan, stage.position.tilt) == pytest.approx(here, abs=COUNT / 2)
 
 
+def test_a_command_that_is_garbled_on_its_way_is_halted_at_the_hosts_limit(bench):
+    stage = bench.open(pan_limits=(-20, 20))
+    move = bench.unit._move
+    bench.unit._move = lambda axis, target: move(axis, 3000 if axis == "P" else target)
+    stage.move_to(radians(15), 0.0)
+    with pytest.raises(LimitError, match=r"reports that pan 2\d\.\d+° is outside"):
+        stage.wait()
+    assert not bench.unit.moving
+    assert degrees(bench.unit.true_angles[0]) < 23
+    assert stage.needs_home
+
+
 def test_a_halt_that_is_lost_is_sent_again(bench, stage):
     execute, lost = bench.unit._execute, []
 
@@ -262,6 +274,22 @@ def test_limit_hit_on_the_way_makes_the_position_unknown_until_homed(bench, stag
     stage.home()
     assert not stage.needs_home
     assert (stage.position.pan, stage.position.tilt) == pytest.approx(bench.unit.true_angles)
+
+
+def test_limit_hit_unasked_is_noticed_on_closing_too(bench, stage):
+    bench.unit.run_into_limit("T")
+    bench.clock.sleep(0.1)
+    bench.reopen()
+    assert "tilt axis hit a limit" in stage.uncertainty
+
+
+def test_a_restart_that_nobody_saw_is_noticed_on_opening_again(bench, stage):
+    bench.unit.axes["P"].set(500)
+    bench.unit.lose_count()
+    bench.reopen()
+    assert "has restarted" in stage.uncertainty
+    bench.reopen()
+    assert stage.needs_home
 
 
 def test_limit_hit_unasked_is_noticed_at_the_next_call(bench, stage):
