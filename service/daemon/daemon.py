@@ -23,7 +23,7 @@ from service.daemon.modes import Idle, Mode, Scanning, Streaming
 from service.daemon.monitor import Monitor
 from service.daemon.states import States
 from service.daemon.systemd import READY, STOPPING, notify
-from service.errors import ServiceError
+from service.errors import MotionError, ServiceError
 from service.fusion.backlog import Backlog
 from service.fusion.job import Job
 from service.fusion.local import LocalExecutor
@@ -129,12 +129,26 @@ class Daemon:
         """One mode after the other, as they are asked for."""
         while not self.stop.is_set():
             self.states.enter(mode.state, mode.reason)
-            mode.run(self._ending)
+            try:
+                mode.run(self._ending)
+            except MotionError as error:
+                if self.once:
+                    raise
+                mode = self._standing_still(error)
+                continue
             if not self._changing.is_set():
                 return
             self._changing.clear()
+            self.states.mend("stage")
             mode = self._mode()
             mode.prepare()
+
+    def _standing_still(self, error: MotionError) -> Mode:
+        """Nothing moves any more: what made the stage unsafe needs a person, who starts it again."""
+        _log.error("%s", error)
+        self.grabber.counts.error = str(error)
+        self.states.degrade("stage", str(error), "look at the stage, then start again")
+        return Idle(self.rig, str(error))
 
     def _ending(self) -> bool:
         return self.stop.is_set() or self._changing.is_set()

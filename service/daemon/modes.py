@@ -50,10 +50,9 @@ class Idle:
     """Devices are open, nothing is captured."""
 
     state: State = "idle"
-    reason = "waiting to be asked"
 
-    def __init__(self, rig: Rig) -> None:
-        self._rig = rig
+    def __init__(self, rig: Rig, reason: str = "waiting to be asked") -> None:
+        self._rig, self.reason = rig, reason
 
     def prepare(self) -> None: ...
 
