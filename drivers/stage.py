@@ -89,6 +89,11 @@ class Stage(StageHooks):
         self._require_open("home")
         return self._homing()
 
+    @property
+    def finds_reference(self) -> bool:
+        """Whether `home` finds the reference itself; if not, a person has to turn the stage there before."""
+        return True
+
     def home(self) -> None:
         """Find the reference position and go to (0, 0); returns when done.
 

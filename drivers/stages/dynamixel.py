@@ -207,11 +207,13 @@ class DynamixelStage(SerialStage):
         """Where the servos say they are or, where the line is slow, where they must be by now."""
         answers, found = True, []
         for axis in axes:
-            motion = self._bus.glance(axis.servo) if answers or axis.servo not in self._seen else None
+            motion = self._bus.glance(axis.servo) if answers else None
             answers = motion is not None
-            if motion is None:
-                motion = self._reckoned(axis) if axis.servo in self._seen else self._motion(axis)
-            found.append(motion)
+            if motion is not None:
+                self._seen[axis.servo] = self.clock.now(), motion.position
+            elif axis.servo in self._seen:
+                motion = self._reckoned(axis)
+            found.append(motion or self._motion(axis))
         return found
 
     def _is_off_its_goal(self, axis: Axis, found: Motion) -> bool:
@@ -221,7 +223,8 @@ class DynamixelStage(SerialStage):
             goal = self._bus.goal(axis.servo)[1]
         off = found.moving or abs(found.position - goal) > self.options.tolerance
         if off:
-            self._set_out(axis, axis.nearest(found.position))
+            here = self._reckoned(axis) if found.moving else found
+            self._set_out(axis, axis.nearest(here.position))
         return off
 
     def _reckoned(self, axis: Axis) -> Motion:

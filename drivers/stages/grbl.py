@@ -177,8 +177,12 @@ class GrblStage(SerialStage):
 
     def _stop(self) -> None:
         self._target = None
-        if not self._grbl.halt(self._rate / self._ramp + HALT_SECONDS) and not self.needs_home:
+        if not self._grbl.halt(self._halt_seconds) and not self.needs_home:
             self._declare_unknown("Grbl was halted by a reset while it moved: steps may be lost")
+
+    @property
+    def _halt_seconds(self) -> float:
+        return self._rate / self._ramp + HALT_SECONDS
 
     def _position(self) -> Position:
         return self._pointing(self._status().machine)
@@ -196,19 +200,26 @@ class GrblStage(SerialStage):
         return status
 
     def _home(self) -> None:
-        self._target = None
-        if not self._grbl.reset():  # the only way out of an alarm for a limit
-            raise OperationError(f"{self._line.name}: the controller did not come back from its reset")
+        on_its_way, self._target = self._target is not None and self._arrived < 2, None
+        self._grbl.halt(self._halt_seconds)  # resets it, where an alarm for a limit has silenced it
         if self._has_switches:
             self._grbl.home(self.options.home_timeout)
             return
+        if on_its_way:
+            raise OperationError(
+                f"{self}: it was on its way, and is stopped; turn it to 0° and home it again"
+            )
         if self._grbl.status().state == "Alarm":
             self._grbl.command("$X")
         machine = self._status().machine
         self._pan = self._pan.at_zero(machine)
         self._tilt = self._tilt and self._tilt.at_zero(machine)
 
+    @property
+    def finds_reference(self) -> bool:
+        return self._has_switches
+
     def _homing(self) -> str:
         if self._has_switches:
             return "drives the axes to their limit switches, then turns to 0°, 0°"
-        return "takes where it stands for 0°, 0°; moves nothing"
+        return "takes where it stands for 0°, 0°, to which somebody has turned it; moves nothing"

@@ -11,6 +11,7 @@ from itertools import cycle
 
 from drivers.clock import Clock
 from drivers.errors import DeviceLostError, InitialisationError, LimitError, OperationError
+from drivers.stages.grbl_lines import GrblLines
 from drivers.stages.grbl_messages import (
     ALARM,
     ALARMS,
@@ -49,13 +50,13 @@ class GrblDialogue:
     """Lines to one controller; an alarm or a restart raises at the next of them."""
 
     def __init__(self, line: SerialLine, clock: Clock) -> None:
-        self._line = line
-        self._clock = clock
-        self._buffer = b""
+        self._name, self._clock = line.name, clock
+        self._lines = GrblLines(line, clock)
         self._markers = cycle(MARKERS)
         self._owed = False
         """Whether an answer is outstanding, or was never waited for."""
-        self._homing = False
+        self._is_deaf = False
+        """Whether it heeds nothing but a reset: while homing, or after an alarm for a limit."""
 
     def greet(self) -> None:
         """Wait for the banner: opening the port resets most boards. Of others, only a silent one is reset.
@@ -65,14 +66,14 @@ class GrblDialogue:
         """
         if not (self._banner() or self._report() or self.reset()):
             raise InitialisationError(
-                f"{self._line.name}: no Grbl controller answers; check its power and cable, and the baud "
+                f"{self._name}: no Grbl controller answers; check its power and cable, and the baud "
                 "rate (115200 as delivered)"
             )
         found = self._report()
         state = "unknown" if found is None else found.state
         if state not in ("Idle", "Alarm"):
             raise InitialisationError(
-                f"{self._line.name}: Grbl is in state {state}, in the middle of something that was not begun "
+                f"{self._name}: Grbl is in state {state}, in the middle of something that was not begun "
                 "here; let it end, or reset it with its button"
             )
 
@@ -81,8 +82,8 @@ class GrblDialogue:
 
         Where it stood, it keeps its position; where it moved, it falls into an alarm (doc/commands.md).
         """
-        self._line.send(SOFT_RESET)
-        self._homing = False
+        self._lines.send(SOFT_RESET)
+        self._is_deaf = False
         return self._banner() or self._caught_up()
 
     def halt(self, seconds: float) -> bool:
@@ -94,10 +95,10 @@ class GrblDialogue:
         Raises:
             OperationError: nothing says that it stands.
         """
-        if self._homing:  # deaf to all but a reset
+        if self._is_deaf:
             self._reset_for_certain()
             return False
-        self._line.send(HOLD_AND_CANCEL_JOG)
+        self._lines.send(HOLD_AND_CANCEL_JOG)
         self._owed = True
         found = self._standing(self._deadline(seconds))
         if found is not None and found.state == "Idle":
@@ -108,9 +109,9 @@ class GrblDialogue:
 
     def home(self, timeout: float) -> None:
         """Run the homing cycle; raises as `command`."""
-        self._homing = True
+        self._is_deaf = True
         self.command("$H", timeout, attempts=1)
-        self._homing = False
+        self._is_deaf = False
 
     def command(self, command: str, timeout: float = ANSWER_SECONDS, attempts: int = 2) -> list[str]:
         """Send a line, again where noise spoilt it; the lines that came before its `ok`.
@@ -128,7 +129,7 @@ class GrblDialogue:
             self._send(f"{command}\n".encode())
             lines: list[str] = []
             deadline = self._deadline(timeout)
-            while (line := self._next_line(deadline)) is not None:
+            while (line := self._lines.next(deadline)) is not None:
                 self._raise_if_upset(line)
                 if answer := ANSWER.search(line):
                     self._owed = False
@@ -140,7 +141,7 @@ class GrblDialogue:
         if error:
             meaning = ERRORS.get(error, "see Grbl's list of errors")
             kind = LimitError if error == LOCKED else OperationError
-            raise kind(f"{self._line.name}: Grbl answers {command!r} with error:{error} ({meaning})")
+            raise kind(f"{self._name}: Grbl answers {command!r} with error:{error} ({meaning})")
         raise self._silent(command)
 
     def status(self) -> Status:
@@ -151,7 +152,7 @@ class GrblDialogue:
             return found
         if found is not None and found.state in ("Hold", "Door"):
             raise OperationError(
-                f"{self._line.name}: Grbl is in state {found.state}: a feed hold or the safety door stops it"
+                f"{self._name}: Grbl is in state {found.state}: a feed hold or the safety door stops it"
             )
         raise self._silent("?")
 
@@ -162,7 +163,7 @@ class GrblDialogue:
             self._send(f"{marker}\n".encode())
             deadline = self._deadline(MARKER_SECONDS)
             tagged = False
-            while (line := self._next_line(deadline)) is not None:
+            while (line := self._lines.next(deadline)) is not None:
                 self._raise_if_upset(line)
                 tagged = tagged or line.startswith(tag)
                 if tagged and line == "ok":
@@ -175,7 +176,7 @@ class GrblDialogue:
         for _ in range(attempts):  # noise may spoil one
             self._send(b"?")
             deadline = self._deadline(REPORT_SECONDS)
-            while (line := self._next_line(deadline)) is not None:
+            while (line := self._lines.next(deadline)) is not None:
                 self._raise_if_upset(line)
                 if (found := parse_status(line)) is not None:
                     return found
@@ -198,61 +199,43 @@ class GrblDialogue:
     def _reset_for_certain(self) -> None:
         if not self.reset():
             raise DeviceLostError(
-                f"{self._line.name}: the controller does not come back from its reset, and may still move: "
+                f"{self._name}: the controller does not come back from its reset, and may still move: "
                 "cut its power"
             )
 
     def _banner(self) -> bool:
         deadline = self._deadline(BANNER_SECONDS)
-        while (line := self._next_line(deadline)) is not None:
+        while (line := self._lines.next(deadline)) is not None:
             if BANNER.search(line):
-                self._buffer += self._line.discard(QUIET_SECONDS)
-                self._buffer, self._owed = b"", False
+                self._lines.discard(QUIET_SECONDS)
+                self._owed = False
                 return True
         return False
 
     def _silent(self, command: str) -> DeviceLostError:
         return DeviceLostError(
-            f"{self._line.name}: the controller does not answer {command!r}; check its power and cable, then "
+            f"{self._name}: the controller does not answer {command!r}; check its power and cable, then "
             "close it, open it again and home it"
         )
 
     def _absorb(self) -> None:
         """Take what was said unasked: an alarm or a restart raises, the rest is dropped."""
-        self._buffer += self._line.pending()
-        while (line := self._cut_line()) is not None:
+        for line in self._lines.arrived():
             self._raise_if_upset(line)
-        self._buffer = b""
 
     def _send(self, data: bytes) -> None:
         self._owed = True
-        self._line.send(data)
-
-    def _next_line(self, deadline: int) -> str | None:
-        while True:
-            line = self._cut_line()
-            if line is not None:
-                return line
-            remaining = (deadline - self._clock.now()) / 1e9
-            if remaining <= 0:
-                return None
-            self._buffer += self._line.receive(remaining)
-
-    def _cut_line(self) -> str | None:
-        raw, ended, rest = self._buffer.partition(b"\n")
-        if not ended:
-            return None
-        self._buffer = rest
-        return raw.decode("ascii", "replace").strip()
+        self._lines.send(data)
 
     def _raise_if_upset(self, line: str) -> None:
         if BANNER.search(line):
             raise RestartedError(
-                f"{self._line.name}: the controller has restarted; close it, open it again and home it"
+                f"{self._name}: the controller has restarted; close it, open it again and home it"
             )
         if alarm := ALARM.search(line):
+            self._is_deaf = True
             meaning = ALARMS.get(int(alarm[1]), "see Grbl's list of alarms")
-            raise LimitError(f"{self._line.name}: ALARM:{alarm[1]}, {meaning}; home it")
+            raise LimitError(f"{self._name}: ALARM:{alarm[1]}, {meaning}; home it")
 
     def _deadline(self, seconds: float) -> int:
         return self._clock.now() + round(seconds * 1e9)

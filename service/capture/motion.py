@@ -103,15 +103,15 @@ class Motion:
         why = f"the position of {stage} is unknown ({stage.uncertainty})"
         if self._home == "never":
             raise MotionError(f'{why}, and stage.home = "never": allow to home it with --home')
-        if self._home == "at start" and not self._failed:
+        if self._home == "at start" and stage.finds_reference and not self._failed:
             if self._homings > _REHOMINGS:
                 raise MotionError(f"{why}, and it was homed {self._homings} times already: find out why")
             return
         question = f"{why}. To find it, it {stage.homing}. Is everybody and everything out of its way?"
         if not self._operator.ask(question, stage.interrupted):
+            always = ' (stage.home = "at start" allows it for every start)' if stage.finds_reference else ""
             raise MotionError(
-                f'{why}: allow to home it, by starting again with --home (stage.home = "at start" allows it '
-                f"for every start); it then {stage.homing}"
+                f"{why}: allow to home it, by starting again with --home{always}; it then {stage.homing}"
             )
 
     def _announce(self, poses: Sequence[Position]) -> None:

@@ -163,7 +163,8 @@ def test_options_that_cannot_be_are_refused(rig, options, said):
 def test_without_switches_home_takes_where_it_stands_for_zero(rig):
     rig.grbl.turn_by_hand(X=7.0, Y=-3.0)
     stage = rig.stage(pan_limits=(-20, 30))
-    assert stage.homing == "takes where it stands for 0°, 0°; moves nothing"
+    assert stage.homing.startswith("takes where it stands for 0°, 0°")
+    assert not stage.finds_reference
     stage.home()
     assert rig.grbl.true == {"X": 7.0, "Y": -3.0}
     assert angles(stage) == (0.0, 0.0)
@@ -173,11 +174,25 @@ def test_without_switches_home_takes_where_it_stands_for_zero(rig):
     assert rig.grbl.true == pytest.approx({"X": 37.0, "Y": 7.0}, abs=0.004)
 
 
+def test_without_switches_what_is_on_its_way_does_not_stand_at_zero(rig):
+    stage = rig.homed()
+    stage.move_to(radians(40), 0.0)
+    rig.clock.sleep(1.0)
+    with pytest.raises(OperationError, match="it was on its way, and is stopped; turn it to 0°"):
+        stage.home()
+    assert not rig.grbl.moving
+    assert stage.needs_home
+    rig.grbl.turn_by_hand(X=0.0)
+    stage.home()
+    assert angles(stage) == (0.0, 0.0)
+
+
 def test_with_switches_home_finds_them(rig):
     rig.fit(homing=True)
     rig.grbl.turn_by_hand(X=12.0)
     stage = rig.homed(pan_limits=(-30, 30))
     assert stage.homing.startswith("drives the axes to their limit switches")
+    assert stage.finds_reference
     assert rig.grbl.true == pytest.approx({"X": 0.0, "Y": 0.0}, abs=0.004)
     assert angles(stage) == degrees_of(0, 0)
 
@@ -239,8 +254,8 @@ def test_an_interrupt_stops_it_within_a_fifth_of_a_second(rig):
     stage.interrupted = lambda: rig.grbl.now() >= told
     with pytest.raises(MotionStoppedError):
         stage.wait()
-    halt = next(at for at, data in rig.line.writes if data == b"!\x85")
-    assert told <= halt < told + 0.2
+    halt = next(at for at, data in rig.line.writes if at >= told and data == b"!\x85")
+    assert halt < told + 0.2
     assert not rig.grbl.moving
     assert not stage.needs_home
 
@@ -332,6 +347,17 @@ def test_an_alarm_whose_message_was_lost_is_noticed(rig):
     with pytest.raises(DeviceLostError, match="does not answer"):
         stage.wait()
     assert stage.needs_home
+
+
+def test_a_report_from_before_a_movement_is_not_taken_for_one_after_it(rig):
+    stage = rig.homed()
+    rig.line.spoil([None, Fault("twice", 2.0)])
+    assert angles(stage) == (0.0, 0.0)
+    comes_again = rig.clock.now() / 1e9 + 2.0
+    stage.move_to(radians(5), 0.0)
+    stage.wait()
+    rig.clock.sleep(comes_again - 0.005 - rig.clock.now() / 1e9)
+    assert angles(stage) == degrees_of(5, 0)
 
 
 def test_a_feed_hold_from_elsewhere_is_noticed(rig):

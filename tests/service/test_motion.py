@@ -98,6 +98,20 @@ def test_configured_consent_holds_for_the_start_and_two_more_times() -> None:
     assert stage.homings == 3
 
 
+def test_what_stands_anywhere_is_not_taken_for_zero_by_configuration() -> None:
+    """A stage without switches, reset again and again, would walk away with its zero."""
+
+    class WithoutSwitches(RealStage):
+        finds_reference = False
+
+    stage, nobody = WithoutSwitches(), Person()
+    with pytest.raises(MotionError, match="starting again with --home; it then"):
+        Motion(stage, "at start", nobody).prepare(POSES)
+    assert stage.homings == 0
+    Motion(stage, "at start", Person(consents=True)).prepare(POSES)
+    assert stage.homings == 1
+
+
 def test_a_simulated_stage_needs_no_consent() -> None:
     class SimulatedOne(RealStage):
         needs_consent = False
