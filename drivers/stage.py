@@ -1,14 +1,13 @@
 """The base of every rotation stage backend: what may move, how far, how fast, and when it must stop."""
 
 import logging
-from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import degrees
 from typing import ClassVar
 
 from drivers.clock import Clock
-from drivers.device import BackendOptions, Device
+from drivers.device import BackendOptions
 from drivers.errors import (
     DeviceLostError,
     DeviceTimeoutError,
@@ -20,6 +19,7 @@ from drivers.errors import (
 )
 from drivers.motion import MotionOptions, duration
 from drivers.position import Limits, Position
+from drivers.stage_hooks import StageHooks
 
 _SLICE = 0.02
 """Seconds after which a pause looks whether it is interrupted: a halt must be out within 0.2 s."""
@@ -30,10 +30,10 @@ _HOMING_SECONDS = 30.0
 _log = logging.getLogger(__name__)
 
 
-class Stage(Device):
+class Stage(StageHooks):
     """A rotation stage: closed, then open; angles in radians.
 
-    A backend names its `Options` and fills the hooks; state, limits, waiting and stopping are handled here.
+    A backend names its `Options` and fills `StageHooks`; state, limits, waiting, stopping are handled here.
     Opening moves nothing. A movement that fails in any way, by an exception of any kind, is stopped before
     the exception leaves. After a fault that may have moved the stage unnoticed, its position is unknown
     (`uncertainty` says why), and only `home` makes it known again.
@@ -277,47 +277,3 @@ class Stage(Device):
 
     def _declare_known(self) -> None:
         self._unknown = None
-
-    @abstractmethod
-    def _home(self) -> None:
-        """Find the reference; the base then goes to (0, 0). Pauses by `_pause`."""
-
-    @abstractmethod
-    def _homing(self) -> str:
-        """What `_home` does, as in "runs both axes into their stops, then turns to 0°, 0°"."""
-
-    @abstractmethod
-    def _move_to(self, pan: float, tilt: float) -> None:
-        """Start to move, no faster than `_speed`, to angles that are within the limits."""
-
-    @abstractmethod
-    def _remaining(self) -> float:
-        """Seconds until it is worth asking again; 0 = stands at its target. Raises what went wrong."""
-
-    @abstractmethod
-    def _stop(self) -> None:
-        """Send the halt first, whatever state the line is in; leave nothing queued; make sure it stands.
-
-        Declares the position unknown where the halt may have cost it.
-        """
-
-    @abstractmethod
-    def _position(self) -> Position:
-        """What the stage reports."""
-
-    @abstractmethod
-    def _limits(self) -> Limits:
-        """The stage's own limits."""
-
-    def _resolution(self) -> float:
-        return 0.0
-
-    def _speed(self) -> float:
-        """rad/s; what is in force, at most what the options say."""
-        assert isinstance(self.options, MotionOptions)
-        return self.options.radians_per_second
-
-    def _acceleration(self) -> float:
-        """rad/s²; what is in force, at most what the options say."""
-        assert isinstance(self.options, MotionOptions)
-        return self.options.radians_per_second_squared

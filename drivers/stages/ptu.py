@@ -11,7 +11,8 @@ from drivers.clock import Clock
 from drivers.device import BackendOptions
 from drivers.errors import DeviceLostError, InitialisationError, LimitError, OperationError
 from drivers.position import Limits, Position
-from drivers.stages.ptu_dialogue import EVENTS, PtuDialogue
+from drivers.stages.ptu_dialogue import PtuDialogue
+from drivers.stages.ptu_ear import EVENTS
 from drivers.stages.serial_stage import SerialOptions, SerialStage
 
 POLL_SECONDS = 0.05

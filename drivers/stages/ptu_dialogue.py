@@ -9,19 +9,15 @@ clean again as soon as the answer to `V` has come: it looks like no other, and n
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 from drivers.clock import Clock
 from drivers.errors import (
     DeviceLostError,
     DeviceTimeoutError,
     InitialisationError,
-    LimitError,
     OperationError,
 )
-from drivers.stages.ptu_replies import LIMITS, UNNAMED, VERSION, Replies, Reply, answers
+from drivers.stages.ptu_ear import QUIET_SECONDS, PtuEar
+from drivers.stages.ptu_replies import LIMITS, UNNAMED, VERSION, Reply, cut
 from drivers.stages.serial_line import SerialLine
 
 ANSWER_SECONDS = 1.0
@@ -30,17 +26,6 @@ ANSWER_SECONDS = 1.0
 FENCE_SECONDS = 3.0
 """What a stalled line may hold back before the unit counts as lost."""
 
-QUIET_SECONDS = 0.1
-"""Silence after which a unit has said all that it had to say."""
-
-EVENTS = {
-    "P": "the pan axis hit a limit",
-    "T": "the tilt axis hit a limit",
-    "D": "the head's cable came off",
-}
-
-_log = logging.getLogger(__name__)
-
 
 class PtuDialogue:
     """Commands and queries to one unit; what it says unasked raises at the next of them."""
@@ -48,11 +33,13 @@ class PtuDialogue:
     def __init__(self, line: SerialLine, clock: Clock) -> None:
         self._line = line
         self._clock = clock
-        self._replies = Replies()
-        self._events_are_normal = False
+        self._ear = PtuEar(line, clock)
         self._echo = self.echoed_at_first = False
-        self.strays = 0
+
+    @property
+    def strays(self) -> int:
         """Answers that belonged to nothing just asked: late ones, doubled ones, noise."""
+        return self._ear.strays
 
     def greet(self, timeout: float) -> None:
         """Set the manner of speaking, again and again while a unit just powered calibrates itself.
@@ -60,7 +47,7 @@ class PtuDialogue:
         Raises:
             InitialisationError: nothing that speaks this protocol answers within `timeout` seconds.
         """
-        with self._expecting_events():
+        with self._ear.expecting_events():
             deadline = self._deadline(timeout)
             while True:
                 self._configure()
@@ -82,7 +69,7 @@ class PtuDialogue:
 
     def listen(self) -> None:
         """Hear the unit out; raises as `query` for a limit that was hit."""
-        self._settle()
+        self._ear.settle()
 
     def halt_what_moves(self) -> bool:
         """The first words to a unit: halt; whether it was on its way somewhere then.
@@ -94,11 +81,7 @@ class PtuDialogue:
         self._line.send(b" PO PP TO TP H ")
         said = self._line.discard(2 * QUIET_SECONDS)
         self.echoed_at_first = b"PO PP" in said.upper()
-        self._replies.feed(said)
-        numbers = []
-        while (reply := self._replies.take(query=True, final=True)) is not None:
-            numbers += [] if reply.kind != "done" or reply.number is None else [reply.number]
-        self._replies.clear()
+        numbers = [reply.number for reply in cut(said) if reply.kind == "done" and reply.number is not None]
         return len(numbers) == 4 and numbers[::2] != numbers[1::2]
 
     def command(self, command: str, timeout: float = ANSWER_SECONDS) -> None:
@@ -128,7 +111,7 @@ class PtuDialogue:
         Raises:
             DeviceTimeoutError: it did not come to its end.
         """
-        with self._expecting_events():
+        with self._ear.expecting_events():
             self._fence()
             self.command("RE")  # or `R` would turn no axis, and be answered all the same
             self._line.send(b"R ")
@@ -144,7 +127,7 @@ class PtuDialogue:
     def halt(self) -> list[str]:
         """Stop both axes, whatever was being said; the events that came meanwhile. Raises as `query`."""
         self._line.send(b" H ")  # the first space ends a command cut short
-        with self._expecting_events() as events:
+        with self._ear.expecting_events() as events:
             self._fence()
         return events
 
@@ -152,11 +135,11 @@ class PtuDialogue:
         """No movement, words, no echo, position control, immediate mode."""
         self._line.send(b" H ")
         self._clock.sleep(0.1)
-        self._settle()
+        self._ear.settle()
         for command in (b"FV ", b"ED ", b"CI ", b"I "):
             self._line.send(command)
         self._clock.sleep(0.2)
-        self._settle()
+        self._ear.settle()
 
     def _asked(self, query: str) -> Reply:
         reply = self._exchange(query, query, ANSWER_SECONDS)
@@ -173,7 +156,7 @@ class PtuDialogue:
         refusal: Reply | None = None
         for _ in range(2):  # once more where noise spoilt it
             strays = self.strays
-            self._absorb()
+            self._ear.absorb()
             if self.strays != strays or query in UNNAMED:
                 self._fence()
             self._line.send(f"{sent} ".encode())
@@ -197,58 +180,12 @@ class PtuDialogue:
 
     def _answer(self, query: str, deadline: int) -> Reply | None:
         """The answer to a query (empty = a command), or a refusal; None where none comes in time."""
-        while (reply := self._next_reply(bool(query), deadline)) is not None:
+        while (reply := self._ear.next_reply(bool(query), deadline)) is not None:
             wanted = query != VERSION if reply.kind == "refused" else reply.fits(query)
             if wanted:
                 return reply
-            self._stray(reply)
+            self._ear.stray(reply)
         return None
-
-    def _next_reply(self, query: bool, deadline: int) -> Reply | None:
-        while True:
-            remaining = max(0.0, (deadline - self._clock.now()) / 1e9)
-            data = self._line.receive(min(QUIET_SECONDS, remaining))
-            self._replies.feed(data)
-            while (reply := self._replies.take(query, final=not data)) is not None:
-                if reply.kind != "event":
-                    return reply
-                self._event(reply)
-            if not data and self._clock.now() >= deadline:
-                return None
-
-    def _absorb(self) -> None:
-        """Take what was said unasked: events raise, all else belongs to nothing."""
-        self._replies.feed(self._line.pending())
-        while (reply := self._replies.take(query=False, final=True)) is not None:
-            if reply.kind == "event":
-                self._event(reply)
-            else:
-                self._stray(reply)
-        self._replies.clear()
-
-    def _settle(self) -> None:
-        self._replies.feed(self._line.discard(QUIET_SECONDS))
-        self._absorb()
-
-    def _stray(self, reply: Reply) -> None:
-        if not answers(VERSION, reply.text):
-            self.strays += 1
-            _log.debug("%s: not what was asked for: %s %r", self._line.name, reply.kind, reply.text)
-
-    def _event(self, reply: Reply) -> None:
-        if self._events_are_normal:
-            self._events.append(reply.text)
-        else:
-            raise LimitError(f"{self._line.name}: {EVENTS[reply.text]}; steps are lost: home it")
-
-    @contextmanager
-    def _expecting_events(self) -> Iterator[list[str]]:
-        before, self._events_are_normal = self._events_are_normal, True
-        self._events: list[str] = []
-        try:
-            yield self._events
-        finally:
-            self._events_are_normal = before
 
     def _is_echoed(self, command: str, reply: Reply) -> bool:
         """A unit that was powered anew has its echo on again."""

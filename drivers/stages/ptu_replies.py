@@ -114,3 +114,12 @@ class Replies:
     ) -> Reply:
         self._buffer = rest
         return Reply(kind, text.decode("ascii", "replace"), before)
+
+
+def cut(said: bytes) -> list[Reply]:
+    """All replies in what was said."""
+    replies, found = Replies(), []
+    replies.feed(said)
+    while (reply := replies.take(query=True, final=True)) is not None:
+        found.append(reply)
+    return found
