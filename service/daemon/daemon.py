@@ -49,11 +49,20 @@ class Daemon:
         configuration: what to do.
         rig: the configured devices, closed.
         bus: takes the events.
+        executor: fuses; whoever made it closes it.
         once: one pass: a recording to its end, one burst of the plan, or one window of a stream. Nothing is
             dropped then: whoever is faster waits.
     """
 
-    def __init__(self, configuration: Configuration, rig: Rig, bus: Bus, *, once: bool = False) -> None:
+    def __init__(
+        self,
+        configuration: Configuration,
+        rig: Rig,
+        bus: Bus,
+        executor: LocalExecutor,
+        *,
+        once: bool = False,
+    ) -> None:
         self.configuration, self.rig, self.once = configuration, rig, once
         self.stop = Flag()
         self._changing = Flag()
@@ -64,9 +73,7 @@ class Daemon:
         self._streams = 0
         self._grid_moved = False
         self.grabber = Grabber(rig, configuration.camera.timeout, self.stop, self._captured)
-        self._executor = LocalExecutor(
-            configuration.fusion, configuration.stream.window if configuration.start == "stream" else None
-        )
+        self._executor = executor
         self.backlog = Backlog(self._executor, self._fused, self._failed, lossless=once)
         self._truth: NDArray[np.float32] | None = None
 
@@ -97,10 +104,6 @@ class Daemon:
         self._wanted = mode
         self._changing.set()
 
-    def close(self) -> None:
-        """End the process that fuses, whatever it does."""
-        self._executor.close()
-
     def run(self) -> None:
         """Work until a recording ends, one pass is done, or `stop` is set.
 
@@ -109,7 +112,6 @@ class Daemon:
             ServiceError: a plan out of reach, a fusion that cannot work, or not one map.
         """
         with ExitStack() as stack:
-            stack.callback(self.close)
             stack.enter_context(self._open_rig())
             self.camera = self.rig.camera.capabilities
             self.recording = recording_of(self.rig.camera)

@@ -6,12 +6,12 @@ from collections import deque
 from concurrent.futures import Future
 from dataclasses import replace
 from threading import Condition, Thread
+from typing import Self
 
-from service.config.sections import FusionSection
+from service.config.sections import Configuration, FusionSection
 from service.errors import HungError, WorkerError
-from service.fusion.answering import Answer, Failure, Ready, WarmUp
 from service.fusion.deadline import Deadline
-from service.fusion.job import Job
+from service.fusion.job import Answer, Failure, Job, Ready, WarmUp
 from service.messages.map import FusedMap
 from service.messages.status import FusionState
 from service.processes.worker import Worker
@@ -51,6 +51,18 @@ class LocalExecutor:
         """Seconds that it took until the kernels were ready; raises `WorkerError` where it was given up."""
         self._thread = Thread(target=self._run, name="fusion", daemon=True)
         self._thread.start()
+
+    @classmethod
+    def configured(cls, configuration: Configuration) -> Self:
+        """One that is ready for what the service does first."""
+        window = configuration.stream.window if configuration.start == "stream" else None
+        return cls(configuration.fusion, window)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def submit(self, job: Job) -> "Future[FusedMap]":
         """Queue a job."""

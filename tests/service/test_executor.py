@@ -19,11 +19,11 @@ from scripted import calibration, frame
 
 from service.config.sections import FusionSection
 from service.errors import HungError, WorkerError
-from service.fusion.answering import WarmUp, answering
+from service.fusion.answering import answering
 from service.fusion.backlog import Backlog
 from service.fusion.deadline import Deadline
 from service.fusion.executor import Executor
-from service.fusion.job import BurstJob, FrameJob, Job
+from service.fusion.job import BurstJob, FrameJob, Job, WarmUp
 from service.fusion.local import LocalExecutor
 from service.messages.burst import Burst
 from service.messages.map import FusedMap
