@@ -93,10 +93,10 @@ class LocalExecutor:
             future.cancel()
 
     def _run(self) -> None:
-        fatal = None
+        fatal: Exception | None = None
         try:
             self.ready.set_result(self._start())
-        except WorkerError as error:
+        except Exception as error:  # whatever it is, whoever waits must hear of it
             fatal = error
             self.ready.set_exception(error)
         while (item := self._next()) is not None:
@@ -104,7 +104,7 @@ class LocalExecutor:
             if future.set_running_or_notify_cancel():
                 try:
                     future.set_result(self._done(job, fatal))
-                except (FusionError, WorkerError) as error:
+                except Exception as error:
                     future.set_exception(error)
         self._worker.kill()
 
@@ -113,7 +113,7 @@ class LocalExecutor:
             self._changed.wait_for(lambda: self._closing or bool(self._jobs))
             return None if self._closing else self._jobs.popleft()
 
-    def _done(self, job: Job, fatal: WorkerError | None) -> FusedMap:
+    def _done(self, job: Job, fatal: Exception | None) -> FusedMap:
         """A job's map; tried once more where the process died or hung over it."""
         if fatal is not None:
             raise fatal
@@ -164,7 +164,9 @@ class LocalExecutor:
             if isinstance(answer, Failure):
                 self._worker.kill()
                 raise WorkerError(f"the fusion cannot work as configured: {answer.reason}")
-            assert isinstance(answer, Ready)
+            if not isinstance(answer, Ready):
+                self._worker.kill()
+                raise WorkerError("the fusion process answers as another version would: install it anew")
             _log.info("fusion ready after %.1f s", answer.seconds)
             return answer.seconds
         raise AssertionError("unreachable")
