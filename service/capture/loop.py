@@ -1,10 +1,9 @@
-"""Takes bursts: from a turning camera by a plan, or from frames that already say where they belong."""
+"""Takes a burst: from a turning camera by a plan, or from frames that already say where they belong."""
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from threading import Event
-from typing import Generic, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 from drivers.bursts import BurstCutter, ExpectedFrames
 from drivers.errors import (
@@ -16,8 +15,8 @@ from drivers.errors import (
     StateError,
 )
 from drivers.frame import Frame
+from service.capture.control import Control
 from service.capture.rig import Rig
-from service.errors import ServiceError
 from service.messages.burst import Burst
 from service.planning.plan import Plan
 
@@ -27,7 +26,6 @@ _ATTEMPTS = 4
 _STALE = 100
 """Stale frames in a row that cannot be what was still in the camera's buffers."""
 
-T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
 
 _log = logging.getLogger(__name__)
@@ -65,26 +63,25 @@ class Source(Protocol[T_co]):
         """The burst, or the stream's frame, of that number; raises as the devices do."""
 
 
-class StoppedError(ServiceError):
-    """The capture was told to stop in the middle of a burst."""
-
-
 class Grabber:
     """Grabs frames, counts what is missing between them, and shows each one it keeps to a listener."""
 
     def __init__(
-        self, rig: Rig, timeout: float, stop: Event, listener: Callable[[Frame], None] = lambda _: None
+        self, rig: Rig, timeout: float, control: Control, listener: Callable[[Frame], None] = lambda _: None
     ) -> None:
-        self.rig, self.stop = rig, stop
+        self.rig, self.control = rig, control
         self.counts = CaptureCounts()
         self._timeout = timeout
         self._listener = listener
         self._sequence: int | None = None
+        self._held: Frame | None = None
 
     def grab(self) -> Frame:
-        """The next frame; raises as `Camera.grab`, and `StoppedError` once `stop` is set."""
-        if self.stop.is_set():
-            raise StoppedError("the capture was stopped")
+        """The next frame; raises as `Camera.grab`, and `StoppedError` once stopped or cancelled."""
+        self.control.check()
+        if self._held is not None:
+            held, self._held = self._held, None
+            return held
         frame = self.rig.camera.grab(self._timeout)
         if self._sequence is not None:
             # Numbers start again when the camera does, or a recording is played again.
@@ -99,6 +96,10 @@ class Grabber:
                 return self.grab()
             except DeviceTimeoutError:
                 continue
+
+    def put_back(self, frame: Frame) -> None:
+        """Have the next `grab` give this one again: it belongs to the next burst."""
+        self._held = frame
 
     def keep(self, frame: Frame) -> Frame:
         """Count a frame that belongs to a burst, and show it."""
@@ -146,6 +147,7 @@ class ScanBursts:
         raise DeviceLostError(f"pose {pose} failed {_ATTEMPTS} times in a row, lastly: {last}") from last
 
     def _attempt(self, number: int | None, pose: int) -> Frame:
+        self._grabber.control.between_poses()
         target = self._plan.poses[pose]
         if self._plan.moves:
             self._grabber.restart()  # frames that pass while the stage moves are not missed
@@ -185,21 +187,20 @@ class CarriedBursts:
         self._grabber, self._rig = grabber, grabber.rig
         self._length = frames
         self._cutter, self._expected = BurstCutter(frames), ExpectedFrames(frames, planned)
-        self._next: Frame | None = None
 
     def take(self, number: int) -> Burst:
-        first = self._next or self._grab_first()
-        self._next = None
+        first = self._grab_first()
         calibration = self._rig.calibration
         frames = [self._grabber.keep(_numbered(first, number, 0))]
         # A burst that is cut by number is complete without a look at the next frame.
         while first.burst is not None or len(frames) < self._length:
+            self._grabber.control.between_poses()
             try:
                 frame = self._grabber.grab_patiently()
             except EndOfRecordingError:
                 break
             if self._begins(frame):
-                self._next = frame
+                self._grabber.put_back(frame)
                 break
             frames.append(self._grabber.keep(_numbered(frame, number, len(frames))))
         expected = self._expected.of(frames) if first.burst is not None else self._length
@@ -213,51 +214,6 @@ class CarriedBursts:
 
     def _begins(self, frame: Frame) -> bool:
         return self._cutter.begins(frame, frame.shape, self._rig.calibration)
-
-
-class Capture(Generic[T]):
-    """Takes burst after burst, or frame after frame, and survives what happens to the devices.
-
-    Args:
-        grabber: gives frames of the (open) rig.
-        source: takes them.
-        pause: seconds between one and the next.
-        recovering: told why the devices are opened again, and None once they are.
-    """
-
-    def __init__(
-        self,
-        grabber: Grabber,
-        source: Source[T],
-        pause: float = 0.0,
-        recovering: Callable[[str | None], None] = lambda _: None,
-    ) -> None:
-        self.counts = grabber.counts
-        self._grabber, self._rig = grabber, grabber.rig
-        self._source, self._pause, self._recovering = source, pause, recovering
-
-    def run(self) -> Iterator[T]:
-        """All until the grabber is stopped or a recording ends; what is interrupted is taken again."""
-        number, stop = 0, self._grabber.stop
-        while not stop.is_set():
-            try:
-                taken = self._source.take(number)
-            except (EndOfRecordingError, StoppedError):
-                return
-            except OperationError as error:
-                self.counts.lost += 1
-                self.counts.interrupted += 1
-                self.counts.error = str(error)
-                _log.error("number %d interrupted: %s; opening the devices again", number, error)
-                self._recovering(str(error))
-                if not self._rig.reopen(stop.is_set):
-                    return
-                self._recovering(None)
-                self._grabber.restart()
-                continue
-            number += 1
-            yield taken
-            self._rig.wait(self._pause, stop.is_set)
 
 
 def exposure_start(frame: Frame) -> int:

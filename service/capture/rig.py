@@ -58,6 +58,15 @@ class Rig:
         """The configured calibration, else the camera's."""
         return self._calibration or self.camera.calibration
 
+    @property
+    def is_open(self) -> bool:
+        """Whether both are."""
+        return self.camera.is_open and self.stage.is_open
+
+    def beat(self) -> None:
+        """Count a sign of life."""
+        self.beats += 1
+
     def open(self) -> None:
         """Open and start both, homing a stage that does not know where it is; closes both when raising.
 
@@ -98,7 +107,7 @@ class Rig:
         self.close()
         wait = _FIRST_WAIT
         while not stopping():
-            self.beats += 1
+            self.beat()
             try:
                 self.open()
             except DriverError as error:
@@ -120,7 +129,7 @@ class Rig:
         """Let time pass, until `stopping` becomes true."""
         end = self.clock.now() + round(seconds * 1e9)
         while not stopping() and self.clock.now() < end:
-            self.beats += 1
+            self.beat()
             self.clock.sleep(min(0.1, (end - self.clock.now()) * 1e-9))
 
     def _check_shape(self) -> None:

@@ -1,21 +1,28 @@
 """The run: devices → frames → jobs → maps, as events to whoever takes them."""
 
 import logging
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator
+from concurrent.futures import Future
+from contextlib import ExitStack, contextmanager, suppress
 from threading import Event as Flag
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.errors import DeviceLostError, OperationError
 from drivers.frame import Frame
 from drivers.poses import camera_rotation
+from drivers.recording import Recording
+from drivers.settings import Capabilities
+from service.capture.control import Control
 from service.capture.head import head_of
 from service.capture.loop import Grabber
 from service.capture.played import recording_of, truth_of
 from service.capture.rig import Rig
+from service.capture.series import Recover
 from service.config.sections import Configuration
+from service.daemon.agenda import Agenda
 from service.daemon.heartbeat import Heartbeat
 from service.daemon.ledger import Ledger
 from service.daemon.logs import logged_events
@@ -23,7 +30,7 @@ from service.daemon.modes import Idle, Mode, Scanning, Streaming
 from service.daemon.monitor import Monitor
 from service.daemon.states import States
 from service.daemon.systemd import READY, STOPPING, notify
-from service.errors import ServiceError
+from service.errors import InvalidStateError, ServiceError, UnavailableError
 from service.fusion.backlog import Backlog
 from service.fusion.job import Job
 from service.fusion.local import LocalExecutor
@@ -54,21 +61,24 @@ class Daemon:
     """
 
     def __init__(self, configuration: Configuration, rig: Rig, bus: Bus, *, once: bool = False) -> None:
-        self.configuration, self.rig, self.once = configuration, rig, once
+        self.configuration, self.rig, self.bus, self.once = configuration, rig, bus, once
         self.stop = Flag()
-        self._changing = Flag()
+        self.control, self.agenda = Control(self.stop), Agenda()
+        self.control.beat = rig.beat
         self.ledger = Ledger()
         self.states = States(self.emit)
-        self._bus = bus
-        self._wanted: ModeName = configuration.start
+        self.camera: Capabilities | None = None
+        self.recording: Recording | None = None
+        self.next_burst = 0
         self._streams = 0
         self._grid_moved = False
-        self.grabber = Grabber(rig, configuration.camera.timeout, self.stop, self._captured)
+        self.grabber = Grabber(rig, configuration.camera.timeout, self.control, self._captured)
         self._executor = LocalExecutor(
             configuration.fusion, configuration.stream.window if configuration.start == "stream" else None
         )
         self.backlog = Backlog(self._executor, self._fused, self._failed, lossless=once)
         self._truth: NDArray[np.float32] | None = None
+        self.mode: Mode | None = None
 
     @property
     def carries_pose(self) -> bool:
@@ -87,15 +97,34 @@ class Daemon:
         """Of the process that fuses."""
         return self._executor.pid
 
+    @property
+    def ending(self) -> bool:
+        """Whether the mode at work shall end, between two bursts or frames."""
+        return self.stop.is_set() or self.agenda.changing
+
     def emit(self, event: Event) -> None:
         """Note an event and hand it to the sinks."""
         self.ledger.note(event)
-        self._bus.emit(event)
+        self.bus.emit(event)
 
     def request(self, mode: ModeName) -> None:
         """Ask for another mode; it begins after the burst, or the frame, at work."""
-        self._wanted = mode
-        self._changing.set()
+        self.agenda.ask(lambda: self._prepared(mode))
+        self.control.inbox.wake()
+
+    def begin(self, mode: Mode) -> "Future[None]":
+        """Have a mode begin next; for the thread that owns the devices. Done when it has begun.
+
+        Raises:
+            DriverError, ServiceError: it cannot be made ready; what was at work goes on.
+        """
+        mode.prepare()
+        return self.agenda.ask(lambda: mode)
+
+    def next_stream(self) -> int:
+        """The number of a stream that begins."""
+        self._streams += 1
+        return self._streams
 
     def close(self) -> None:
         """End the process that fuses, whatever it does."""
@@ -110,12 +139,13 @@ class Daemon:
         """
         with ExitStack() as stack:
             stack.callback(self.close)
+            stack.callback(self._refuse_all)
             stack.enter_context(self._open_rig())
             self.camera = self.rig.camera.capabilities
             self.recording = recording_of(self.rig.camera)
             self._truth = truth_of(self.rig.camera, self.configuration.fusion.upsampling)
-            monitor = Monitor(self.rig, self.grabber.counts, self, self._executor, self._bus)
-            mode = self._mode()
+            monitor = Monitor(self.rig, self.grabber.counts, self, self._executor, self.bus)
+            mode = self._made(self.configuration.start)
             # Neither status nor log may come once the sinks are closed.
             with logged_events(self.emit), Heartbeat(monitor.beat):
                 self._announce()
@@ -126,31 +156,40 @@ class Daemon:
                 self._finish()
 
     def _work(self, mode: Mode) -> None:
-        """One mode after the other, as they are asked for."""
+        """One mode after the other, as they are asked for; raises what one that was not asked for raises."""
+        entered: Future[None] = Future()
         while not self.stop.is_set():
+            self.mode = mode
+            self.control.renew()
             self.states.enter(mode.state, mode.reason)
-            mode.run(self._ending)
-            if not self._changing.is_set():
+            entered.set_result(None)
+            mode.run()
+            following = self.agenda.take()
+            if following is None or following[0].state != "scanning":
+                self.agenda.give_up(InvalidStateError("the scan ended before its turn came"))
+            if following is None:
                 return
-            self._changing.clear()
-            mode = self._mode()
-            mode.prepare()
+            mode, entered = following
 
-    def _ending(self) -> bool:
-        return self.stop.is_set() or self._changing.is_set()
+    def _made(self, name: ModeName) -> Mode:
+        if name == "idle":
+            return Idle(self)
+        return Streaming(self) if name == "stream" else Scanning(self)
 
-    def _mode(self) -> Mode:
-        if self._wanted == "idle":
-            return Idle(self.rig)
-        if self._wanted == "stream":
-            self._streams += 1
-            return Streaming(self, self._streams)
-        return Scanning(self)
+    def _prepared(self, name: ModeName) -> Mode:
+        mode = self._made(name)
+        mode.prepare()
+        return mode
+
+    def _refuse_all(self) -> None:
+        """Nobody serves any more: say so to all who wait, and to all who come."""
+        self.control.inbox.close("the service ends")
+        self.agenda.close("the service ends")
 
     def _announce(self) -> None:
-        known, recording = self.camera, self.recording
+        known, recording = self.rig.camera.capabilities, self.recording
         settings = self.configuration
-        expected = settings.stream.window if self._wanted == "stream" else settings.fusion.frames
+        expected = settings.stream.window if settings.start == "stream" else settings.fusion.frames
         frames = recording.frame_count if recording is not None else expected if self.once else None
         calibration = self.rig.calibration
         self.emit(
@@ -193,16 +232,24 @@ class Daemon:
         finally:
             self.rig.close()
 
-    def recovering(self, mode: Mode) -> Callable[[str | None], None]:
-        """Told of a device that is lost, and of its return."""
+    def recover(self, mode: Mode) -> Recover:
+        """Opens lost devices again, with the state told; False where another mode was asked for first."""
 
-        def tell(reason: str | None) -> None:
-            if reason is None:
+        def reopened(error: OperationError) -> bool:
+            self.states.enter("recovering", str(error))
+            self.control.inbox.refuse(UnavailableError(f"a device is lost ({error}): wait until it is back"))
+            done = self.rig.reopen(self._elsewhere)
+            if done:
                 self.states.enter(mode.state, mode.reason)
-            else:
-                self.states.enter("recovering", reason)
+            return done
 
-        return tell
+        return reopened
+
+    def _elsewhere(self) -> bool:
+        """Whether to give up waiting for a device; meanwhile what can be done without it is done."""
+        with suppress(DeviceLostError):
+            self.control.inbox.serve("pose")
+        return self.control.halted or self.agenda.changing
 
     def _captured(self, frame: Frame) -> None:
         self.emit(FrameCaptured(frame, self.rig.calibration.mount))

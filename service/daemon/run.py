@@ -102,6 +102,7 @@ def _summary(
     daemon: Daemon, bus: Bus, summaries: deque[BurstSummary], published: int, seconds: float
 ) -> RunSummary:
     known, counts = daemon.camera, daemon.grabber.counts
+    assert known is not None
     return RunSummary(
         source=known.source,
         model=known.model,
@@ -124,6 +125,6 @@ def _lost(daemon: Daemon, bus: Bus) -> list[str]:
     said += daemon.ledger.failures
     if daemon.backlog.dropped:
         said.append(f"{daemon.backlog.dropped} bursts not fused: the fusion was slower than the capture")
-    if daemon.grabber.counts.dropped and not daemon.camera.carries_pose:
+    if daemon.grabber.counts.dropped and not (daemon.camera and daemon.camera.carries_pose):
         said.append(f"{daemon.grabber.counts.dropped} frames dropped by the camera")
     return said + bus.losses

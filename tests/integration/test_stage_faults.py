@@ -4,15 +4,17 @@ import sys
 from itertools import islice
 from math import radians
 from pathlib import Path
-from threading import Event, Timer
+from threading import Timer
 
 import numpy as np
 import pytest
 
 from drivers.mesasr import library
 from drivers.usb import discovery
-from service.capture.loop import Capture, Grabber, ScanBursts
+from service.capture.control import Control
+from service.capture.loop import Grabber, ScanBursts
 from service.capture.rig import make_rig
+from service.capture.series import Capture
 from service.config.sections import CameraSection, Configuration, PlanSection, StageSection
 from service.planning.plan import make_plan
 
@@ -73,7 +75,7 @@ def test_the_interrupted_burst_is_taken_again_from_a_known_position(tmp_path, fa
 
         rig = make_rig(configuration)
         rig.open()
-        grabber = Grabber(rig, configuration.camera.timeout, Event(), watch)
+        grabber = Grabber(rig, configuration.camera.timeout, Control(), watch)
         plan = make_plan(
             configuration.plan, POSES, rig.calibration.intrinsics, resolution=rig.stage.resolution
         )
