@@ -1,7 +1,7 @@
 """The run: devices → frames → jobs → maps, as events to whoever takes them."""
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager, suppress
 from threading import Event as Flag
@@ -34,8 +34,9 @@ from service.errors import InvalidStateError, ServiceError, UnavailableError
 from service.fusion.backlog import Backlog
 from service.fusion.job import Job
 from service.fusion.local import LocalExecutor
-from service.messages.events import DevicesOpened, Event, FrameCaptured, FusionFailed, MapFused
+from service.messages.events import DevicesOpened, Event, FrameCaptured, FusionFailed, HeadChanged, MapFused
 from service.messages.map import FusedMap
+from service.messages.status import CommandCounts
 from service.sinks.bus import Bus
 
 _LAST_JOBS = 2.0
@@ -79,6 +80,7 @@ class Daemon:
         self.backlog = Backlog(self._executor, self._fused, self._failed, lossless=once)
         self._truth: NDArray[np.float32] | None = None
         self.mode: Mode | None = None
+        self.command_counts: Callable[[], CommandCounts] = CommandCounts
 
     @property
     def carries_pose(self) -> bool:
@@ -120,6 +122,12 @@ class Daemon:
         """
         mode.prepare()
         return self.agenda.ask(lambda: mode)
+
+    def renew(self) -> None:
+        """Have the mode at work begin anew with what is configured now; raises as `begin`."""
+        if self.mode is not None and not isinstance(self.mode, Idle) and not self.agenda.changing:
+            self.begin(self.mode.anew())
+        self.emit(HeadChanged(head_of(self.configuration, self.rig, self._truth, self.planned)))
 
     def next_stream(self) -> int:
         """The number of a stream that begins."""

@@ -81,7 +81,7 @@ class Scanning:
     state: State = "scanning"
 
     def __init__(self, daemon: Daemon, *, asked: bool = False) -> None:
-        self._daemon, self._asked = daemon, asked
+        self._daemon, self.asked = daemon, asked
         self.reason = "bursts as recorded" if daemon.carries_pose else "bursts by the plan"
         if asked:
             self.reason = "a burst that was asked for"
@@ -112,13 +112,13 @@ class Scanning:
                 self._hand_over(burst, number)
                 if daemon.once and not daemon.carries_pose:
                     return
-                if self._asked and not daemon.agenda.awaited:
+                if self.asked and not daemon.agenda.awaited:
                     daemon.request("idle")
         finally:
             daemon.next_burst = capture.number
 
     def anew(self) -> Scanning:
-        return Scanning(self._daemon, asked=self._asked)
+        return Scanning(self._daemon, asked=self.asked)
 
     def _hand_over(self, burst: Burst, number: int) -> None:
         daemon, fusion = self._daemon, self._daemon.configuration.fusion

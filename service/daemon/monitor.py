@@ -58,6 +58,7 @@ class Monitor:
             version=software_version(),
             state=states.state,
             reason=states.reason,
+            paused=daemon.control.paused,
             seconds=states.seconds,
             degraded=states.degraded,
             source=self._camera.source,
@@ -85,6 +86,7 @@ class Monitor:
             latency=ledger.latency,
             recorder=recorder.state if isinstance(recorder, Recorder) else None,
             sinks=sinks,
+            commands=daemon.command_counts(),
             error=self._capture.error or fusion.error,
         )
 

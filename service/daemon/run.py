@@ -2,13 +2,18 @@
 
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+
+import zenoh
 
 from service.capture.rig import Rig
 from service.config.sections import Configuration
+from service.daemon.commands import commands
 from service.daemon.daemon import Daemon
+from service.daemon.desk import Desk
+from service.daemon.dispatcher import Dispatcher
 from service.files import made_directory
 from service.messages.summary import BurstSummary, RunSummary
 from service.sinks.bus import Bus
@@ -19,6 +24,7 @@ from service.sinks.recorder import Recorder
 from service.sinks.recording_directory import FileSeries, RecordingDirectory
 from service.sinks.sink import Sink
 from service.sinks.summaries import Summaries
+from service.wire.queries import Queries
 from service.wire.session import open_session
 
 FUSED_FILE = "fused.mcap"
@@ -70,12 +76,23 @@ def run_service(
             bus.add("recorder", lambda: recorder_of(configuration), must_open=False)
         for name, make in (*_outputs(configuration, output, once).items(), *makers.items()):
             bus.add(name, make)
+        stack.enter_context(commanded(daemon, session))
         started(daemon)
         daemon.run()
         publisher = bus.sink("publisher")
         bus.close(_HANDOVER_TOLD if daemon.stop.is_set() else _HANDOVER)
         published = publisher.published if isinstance(publisher, Publisher) else 0
         return _summary(daemon, bus, summaries, published, time.monotonic() - began)
+
+
+@contextmanager
+def commanded(daemon: Daemon, session: zenoh.Session) -> Iterator[None]:
+    """The daemon can be asked for things over the session meanwhile."""
+    dispatcher = Dispatcher(Desk(daemon), commands())
+    daemon.command_counts = lambda: dispatcher.counts
+    prefix = daemon.configuration.zenoh.prefix
+    with Queries(session, prefix, commands(), dispatcher.handle, dispatcher.refused):
+        yield
 
 
 def recorder_of(configuration: Configuration) -> Recorder:

@@ -139,3 +139,28 @@ class Logged(Event):
 
     record: logging.LogRecord
     patient: ClassVar[bool] = False
+
+
+@dataclass(frozen=True, eq=False)
+class Commanded(Event):
+    """Somebody had something done: who, when (ns since the epoch), by which command, with which arguments."""
+
+    who: str
+    timestamp: int
+    command: str
+    arguments: dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class HeadChanged(Event):
+    """What a recording begins with is another now."""
+
+    head: RecordingHead
+    lasting: ClassVar[bool] = True
+
+
+@dataclass(frozen=True, eq=False)
+class Delivery(Event):
+    """An answer that goes out behind everything that was published before it."""
+
+    deliver: Callable[[], None]

@@ -1,0 +1,192 @@
+"""A service commanded from another process, with nothing but Zenoh and JSON."""
+
+import json
+import time
+from pathlib import Path
+
+import pytest
+from commanding import configuration, running, stranger
+from scripted import ScriptedCamera, ScriptedStage
+
+from drivers.clock import VirtualClock
+from service.capture.rig import Rig
+from service.messages.events import BurstCaptured, Commanded, MapFused
+
+
+class HastyClock(VirtualClock):
+    """Twenty times as fast as the real one."""
+
+    def sleep(self, seconds: float) -> None:
+        super().sleep(seconds)
+        time.sleep(max(0.0, seconds) / 20)
+
+
+def hasty_rig(**script: object) -> Rig:
+    clock = HastyClock(1_700_000_000_000_000_000)
+    return Rig(ScriptedCamera(clock, **script), ScriptedStage(clock), clock)  # type: ignore[arg-type]
+
+
+def test_a_scan_is_started_paused_resumed_and_stopped(tmp_path: Path, endpoint: str) -> None:
+    with running(configuration(tmp_path, endpoint), hasty_rig()) as service, stranger(endpoint) as far:
+        assert far.ask("cmd/scan", action="start")["state"] == "scanning"
+        service.wait(lambda: len(service.of(MapFused)) >= 2)
+        assert far.ask("cmd/scan", action="pause") | {"reason": ""} == {
+            "state": "scanning",
+            "reason": "",
+            "paused": True,
+            "report": None,
+        }
+        refused = far.ask("cmd/settings", action="set", integration_time=0.01)
+        assert refused["code"] == "INVALID_STATE"
+        assert "paused in a burst" in refused["message"]
+        assert far.ask("cmd/scan", action="stop")["code"] == "INVALID_STATE"
+        assert far.ask("cmd/scan", action="resume")["paused"] is False
+        bursts = len(service.of(BurstCaptured))
+        service.wait(lambda: len(service.of(BurstCaptured)) > bursts)
+        far.ask("cmd/scan", action="stop")
+        service.wait_state("idle")
+        assert far.ask("cmd/scan", action="resume")["code"] == "INVALID_STATE"
+        asked = [(event.command, event.arguments["action"]) for event in service.of(Commanded)]
+        assert asked == [("cmd/scan", verb) for verb in ("start", "pause", "resume", "stop")]
+
+
+def test_a_cancelled_burst_leaves_nothing_and_the_next_has_another_number(
+    tmp_path: Path, endpoint: str
+) -> None:
+    with running(configuration(tmp_path, endpoint), hasty_rig()) as service, stranger(endpoint) as far:
+        far.ask("cmd/scan", action="start")
+        service.wait(lambda: len(service.of(BurstCaptured)) >= 1)
+        far.ask("cmd/scan", action="pause")
+        assert far.ask("cmd/scan", action="cancel")["paused"] is False
+        service.wait_state("idle")
+        numbers = [event.burst.id for event in service.of(BurstCaptured)]
+        far.ask("cmd/scan", action="once")
+        after = [event.burst.id for event in service.of(BurstCaptured)]
+        assert after[:-1] == numbers
+        assert after[-1] > numbers[-1] + 1
+
+
+def test_one_burst_is_answered_with_its_report_and_map(tmp_path: Path, endpoint: str) -> None:
+    with running(configuration(tmp_path, endpoint), hasty_rig()) as service, stranger(endpoint) as far:
+        reply = far.ask("cmd/scan", action="once")
+        assert reply["report"]["frames"] == 4
+        assert reply["report"]["method"] == "nearest"
+        service.wait_state("idle")
+        far.send("lidarboost/rig/cmd/scan", payload=json.dumps({"action": "once", "map": True}))
+        first, *messages = far.replies()
+        assert first["ok"]["report"]["burst"] == reply["report"]["burst"] + 1
+        assert [m["attachment"] for m in messages] == [
+            "fused/calibration",
+            "fused/depth",
+            "fused/deviation",
+            "fused/amplitude",
+            "fused/report",
+        ]
+        assert messages[1]["encoding"] == "application/protobuf;foxglove.RawImage"
+        assert {m["key"] for m in messages} == {"lidarboost/rig/cmd/scan"}
+        assert len(service.of(BurstCaptured)) == 2
+
+
+def test_one_burst_takes_its_turn_while_scanning(tmp_path: Path, endpoint: str) -> None:
+    settings = configuration(tmp_path, endpoint, start="scan", plan={"pause": 3600})
+    with running(settings, hasty_rig(), "scanning") as service, stranger(endpoint) as far:
+        service.wait(lambda: len(service.of(BurstCaptured)) == 1)  # and an hour of rest
+        assert far.ask("cmd/scan", action="once")["report"]["burst"] == 1
+        assert service.daemon.states.state == "scanning"
+
+
+def test_a_setting_is_in_force_with_the_next_burst(tmp_path: Path, endpoint: str) -> None:
+    rig = hasty_rig()
+    with running(configuration(tmp_path, endpoint, start="scan"), rig, "scanning"), stranger(endpoint) as far:
+        assert far.ask("cmd/settings", action="get")["settings"]["integration_time"] == 0.03
+        reply = far.ask("cmd/settings", action="set", integration_time=0.01)
+        assert reply["settings"]["integration_time"] == 0.01
+        assert reply["state"] == "scanning"
+        assert rig.settings is not None
+        assert rig.settings.integration_time == 0.01
+        assert far.ask("cmd/settings", action="get")["settings"] == reply["settings"]
+
+
+@pytest.mark.parametrize(
+    ("payload", "code", "said"),
+    [
+        ("", "INVALID_ARGUMENT", "not JSON"),
+        ("[" * 100_000, "INVALID_ARGUMENT", "not JSON"),
+        ('{"action": "set", "integration_time": NaN}', "INVALID_ARGUMENT", "not JSON"),
+        ("[]", "INVALID_ARGUMENT", 'expected {"action": …} with one of get, set; got []'),
+        ('{"action": "wipe"}', "INVALID_ARGUMENT", "one of get, set; got 'wipe'"),
+        ('{"action": {"a": 1}}', "INVALID_ARGUMENT", "one of get, set"),
+        ('{"action": "get", "all": 1}', "INVALID_ARGUMENT", "unknown field 'all' (known: none)"),
+        (
+            '{"action": "set", "colour": 1}',
+            "INVALID_ARGUMENT",
+            "unknown field 'colour' (known: integration_time",
+        ),
+        ('{"action": "set", "integration_time": "1"}', "INVALID_ARGUMENT", "integration_time = '1'"),
+        ('{"action": "set", "integration_time": 9}', "OUT_OF_RANGE", "less than or equal to 0.1"),
+        ('{"action": "set", "integration_time": 1e999}', "OUT_OF_RANGE", "integration_time"),
+    ],
+)
+def test_what_is_not_understood_is_refused_with_what_is_allowed(payload: str, code: str, said: str) -> None:
+    from service.daemon.commands import commands
+    from service.errors import CommandError
+
+    with pytest.raises(CommandError) as caught:
+        commands()["cmd/settings"].read(payload.encode())
+    assert caught.value.code == code
+    assert said in str(caught.value)
+    assert len(str(caught.value)) < 1000
+    assert "\n" not in str(caught.value)
+
+
+def test_a_newcomer_adds_a_command_in_one_file(
+    tmp_path: Path, endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from service.daemon import commands as folder
+
+    (tmp_path / "more").mkdir()
+    (tmp_path / "more" / "beam.py").write_text(NEWCOMER)
+    monkeypatch.setattr(folder, "__path__", [*folder.__path__, str(tmp_path / "more")])
+    folder.commands.cache_clear()
+    try:
+        assert "| `cmd/beam` | `aim` | Where the beam points. |" in folder.command_table()
+        with running(configuration(tmp_path, endpoint), hasty_rig()), stranger(endpoint) as far:
+            assert far.ask("cmd/beam", action="aim", pan=0.5) | {"reason": ""} == {
+                "state": "idle",
+                "reason": "",
+                "paused": False,
+                "pan": pytest.approx(0.5, abs=1e-3),
+            }
+            assert far.ask("cmd/beam", action="aim", pan=7)["code"] == "OUT_OF_RANGE"
+    finally:
+        folder.commands.cache_clear()
+
+
+NEWCOMER = '''
+from typing import ClassVar, Literal
+
+from pydantic import Field
+
+from service.daemon.desk import Desk
+from service.daemon.verb import Answer, Command, Place, Reply, Verb
+
+
+class BeamReply(Reply):
+    pan: float = Field(description="Where it points, radians.")
+
+
+class Aim(Verb):
+    """Turn there."""
+
+    place: ClassVar[Place] = "burst"
+    action: Literal["aim"]
+    pan: float = Field(ge=-10, le=10, description="Radians.")
+
+    def carry_out(self, desk: Desk) -> Answer:
+        stage = desk.daemon.rig.stage
+        stage.move_to(self.pan, 0.0)
+        return desk.reply(BeamReply, pan=stage.position.pan)
+
+
+COMMAND = Command("cmd/beam", "Where the beam points.", (Aim,), BeamReply)
+'''
