@@ -6,6 +6,7 @@ from typing import NamedTuple, cast
 
 from pydantic import ValidationError
 
+from drivers.documents import told
 from drivers.errors import RecordingError
 from drivers.messages import CAMERA_AMPLITUDE, CAMERA_DISTANCE, CAMERA_FRAME, FrameFields, decode_image
 
@@ -137,7 +138,6 @@ def _fields(payload: bytes) -> FrameFields:
     try:
         checked = FrameFields.model_validate_json(payload)
     except ValidationError as error:
-        faults = "; ".join(f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}" for fault in error.errors())
-        raise RecordingError(f"{CAMERA_FRAME} is not what it should be: {faults}") from error
+        raise RecordingError(f"{CAMERA_FRAME} is not what it should be: {told(error)}") from error
     # A model's own set of its fields' names is as large as all else in it, and an hour has 180,000 frames.
     return FrameFields.model_construct(_ALL_FIELDS, **dict(checked))

@@ -2,17 +2,13 @@
 
 from collections.abc import Callable, Sequence
 
-from pydantic import ValidationError
-
-from drivers.calibration import Calibration, Intrinsics
+from drivers.calibration import Calibration
 from drivers.errors import RecordingError
+from drivers.lens_message import calibration_of
 from drivers.messages import CAMERA_CALIBRATION, decode_calibration
 from drivers.recording import attachments
 from drivers.recording.contents import SaidCalibration
 from drivers.recording.records import AttachmentEntry
-
-_LENS_MODELS = ("", "plumb_bob", "rational_polynomial")
-"""Models of foxglove.CameraCalibration whose terms are OpenCV's k1, k2, p1, p2, k3, …."""
 
 
 class Calibrations:
@@ -53,9 +49,11 @@ class Calibrations:
         if isinstance(self._known, RecordingError):
             raise self._known
         if not self._known:
+            why = " (it says that the camera is not calibrated: K is zero)" if self._said else ""
             raise RecordingError(
-                f"{self._origin}: holds no calibration; expected the attachment {attachments.CALIBRATION} "
-                f"or a message on {CAMERA_CALIBRATION}: name a calibration file in the configuration"
+                f"{self._origin}: holds no calibration{why}; expected the attachment "
+                f"{attachments.CALIBRATION} or a message on {CAMERA_CALIBRATION}: name a calibration file in "
+                "the configuration"
             )
         return _in_force(self._known, timestamp)
 
@@ -81,11 +79,7 @@ class Calibrations:
         found: list[tuple[int, Calibration]] = []
         for entry in self._attached:
             name = f"{self._origin}: {attachments.CALIBRATION}"
-            try:
-                text = self._load(entry).decode()
-            except UnicodeDecodeError as error:
-                raise RecordingError(f"{name}: not a calibration (not UTF-8 text: {error.reason})") from error
-            known = Calibration.from_toml(text, name)
+            known = Calibration.from_toml(self._load(entry), name)
             if all(known != other for _, other in found):
                 found.append((entry.log_time, known))
         return sorted(found, key=lambda pair: pair[0])
@@ -93,7 +87,7 @@ class Calibrations:
     def _lenses(self) -> list[tuple[int, Calibration]]:
         found: list[tuple[int, Calibration]] = []
         for timestamp, payload in sorted(self._said):
-            lens = said_calibration(payload, self._origin)
+            lens = calibration_of(decode_calibration(payload), f"{self._origin}: {CAMERA_CALIBRATION}")
             if lens is not None:
                 found.append((timestamp, lens))
         return found
@@ -104,36 +98,6 @@ class Calibrations:
                 f"{self._origin}: holds {len(known)} different calibrations of one time, and nothing says "
                 "which frames are whose: name the right one in the configuration (camera.calibration)"
             )
-
-
-def said_calibration(payload: bytes, origin: str) -> Calibration | None:
-    """A foxglove.CameraCalibration as far as it goes; None where its K is all zeros: not calibrated.
-
-    Raises:
-        RecordingError: not such a message, a lens model that cannot be used, or figures that are none.
-    """
-    said = decode_calibration(payload)
-    if len(said.K) not in (0, 9):
-        raise RecordingError(f"{origin}: {CAMERA_CALIBRATION}: K has {len(said.K)} values, expected 9")
-    if not any(said.K):
-        return None
-    if said.distortion_model not in _LENS_MODELS and any(said.D):
-        raise RecordingError(
-            f"{origin}: {CAMERA_CALIBRATION}: lens model {said.distortion_model!r} cannot be used here; "
-            f"known are {', '.join(filter(None, _LENS_MODELS))}: name a calibration file in the configuration"
-        )
-    fx, _, cx, _, fy, cy, *_ = said.K
-    try:
-        return Calibration(
-            width=said.width,
-            height=said.height,
-            intrinsics=Intrinsics(fx=fx, fy=fy, cx=cx, cy=cy),
-            distortion=tuple(said.D) if any(said.D) else (),
-            source=f"message on {CAMERA_CALIBRATION}",
-        )
-    except ValidationError as error:
-        faults = "; ".join(f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}" for fault in error.errors())
-        raise RecordingError(f"{origin}: {CAMERA_CALIBRATION}: not a calibration ({faults})") from error
 
 
 def _is_same_lens(known: Calibration, lens: Calibration) -> bool:

@@ -15,6 +15,7 @@ from drivers.errors import (
     StateError,
 )
 from drivers.frame import Frame
+from drivers.stage import Position
 from service.capture.control import Control
 from service.capture.rig import Rig
 from service.messages.burst import Burst
@@ -112,6 +113,15 @@ class Grabber:
         self._sequence = None
 
 
+@dataclass(frozen=True, slots=True)
+class _Stand:
+    """Where the stage was sent, where it then reported to be, and from when on it surely stood still (ns)."""
+
+    target: Position
+    position: Position
+    still: int
+
+
 class ScanBursts:
     """Bursts by a plan: for each pose move, settle, throw stale frames away, grab.
 
@@ -125,6 +135,7 @@ class ScanBursts:
     def __init__(self, grabber: Grabber, plan: Plan, settle: float, move_timeout: float) -> None:
         self._grabber, self._rig = grabber, grabber.rig
         self._plan, self._settle, self._move_timeout = plan, settle, move_timeout
+        self._stand: _Stand | None = None
 
     def take(self, number: int) -> Burst:
         frames = [self.frame(number, pose) for pose in range(len(self._plan))]
@@ -133,6 +144,13 @@ class ScanBursts:
 
     def frame(self, number: int | None, pose: int) -> Frame:
         """The frame of a pose, as part of a burst where it has a number; tried again some times."""
+        try:
+            return self._tried(number, pose)
+        except OperationError:
+            self._stand = None  # the devices will be opened again, and may move at that
+            raise
+
+    def _tried(self, number: int | None, pose: int) -> Frame:
         last: OperationError | None = None
         for _ in range(_ATTEMPTS):
             try:
@@ -148,22 +166,31 @@ class ScanBursts:
 
     def _attempt(self, number: int | None, pose: int) -> Frame:
         self._grabber.control.between_poses()
-        target = self._plan.poses[pose]
-        if self._plan.moves:
-            self._grabber.restart()  # frames that pass while the stage moves are not missed
-        self._rig.stage.move_to(target.pan, target.tilt)
-        self._rig.stage.wait(self._move_timeout)
-        still = self._rig.clock.now() + round(self._settle * 1e9)
-        frame = self._fresh(still)
+        stand = self._go(self._plan.poses[pose])
+        frame = self._fresh(stand.still)
         position = self._rig.stage.position
         numbers = (None, None) if number is None else (number, pose)
         placed = replace(frame, pan=position.pan, tilt=position.tilt, burst=numbers[0], pose=numbers[1])
         return self._grabber.keep(placed)
 
+    def _go(self, target: Position) -> "_Stand":
+        """Turn to a pose; where the stage stands there already, nothing moves, and no frame becomes stale."""
+        stage, last = self._rig.stage, self._stand
+        if last is not None and last.target == target and last.position == stage.position:
+            return last
+        self._stand = None
+        if self._plan.moves:
+            self._grabber.restart()  # frames that pass while the stage moves are not missed
+        stage.move_to(target.pan, target.tilt)
+        stage.wait(self._move_timeout)
+        still = self._rig.clock.now() + round(self._settle * 1e9)
+        self._stand = _Stand(target, stage.position, still)
+        return self._stand
+
     def _fresh(self, still: int) -> Frame:
         for _ in range(_STALE):
             frame = self._grabber.grab()
-            if exposure_start(frame) >= still:
+            if self._rig.camera.exposure_start(frame) >= still:
                 return frame
             self._grabber.counts.stale += 1
         raise OperationError(
@@ -214,15 +241,6 @@ class CarriedBursts:
 
     def _begins(self, frame: Frame) -> bool:
         return self._cutter.begins(frame, frame.shape, self._rig.calibration)
-
-
-def exposure_start(frame: Frame) -> int:
-    """The earliest time at which the exposure of a frame may have begun, ns since the epoch.
-
-    A frame is four phase samples about its timestamp; readout between them makes it a little longer.
-    """
-    half = 2 * (frame.integration_time or 0.0)
-    return frame.timestamp - frame.timestamp_uncertainty - round(half * 1e9)
 
 
 def _numbered(frame: Frame, burst: int, pose: int) -> Frame:

@@ -73,6 +73,9 @@ def save(fit: Fit, part: str, known: Calibration, output: Path, as_json: bool) -
     picture = output.with_suffix(f".{part}.png")
     found.save(output)
     save_picture(picture, fit, found.shape)
+    warnings = getattr(fit, "warnings", ())
+    for warning in warnings:
+        print(f"warning: {warning}", file=sys.stderr)
     if as_json:
         said = {"summary": str(fit), "calibration": found.model_dump(mode="json"), "picture": str(picture)}
         print(json.dumps(said, indent=2))

@@ -18,14 +18,18 @@ def status(
     as_json: Annotated[bool, typer.Option("--json", help="The status as it was published.")] = False,
 ) -> None:
     """Show how a running service is doing: state, rates, drops by cause, recording, last error."""
+    import json
+
+    from service.messages.decoding import read
     from service.messages.status import Status
     from service.wire.client import Client
 
     with Client(endpoint, prefix) as client:
-        told = Status.model_validate(client.latest("status", timeout).value)
+        received = client.latest("status", timeout)
     if as_json:
-        print(told.model_dump_json(indent=2))
+        print(json.dumps(received.value, indent=2))
     else:
+        told = read(Status, received)
         print("\n".join(f"{name:<10} {said}" for name, said in _lines(told)))
 
 

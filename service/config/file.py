@@ -1,10 +1,10 @@
 """Reads the configuration: file, environment, flags; says clearly what is wrong with them."""
 
 import os
-import tomllib
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from pathlib import Path
+from reprlib import Repr
 from typing import Any, ClassVar, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -12,11 +12,15 @@ from pydantic_core import ErrorDetails
 from pydantic_settings import BaseSettings, InitSettingsSource, PydanticBaseSettingsSource, SettingsConfigDict
 from pydantic_settings.exceptions import SettingsError
 
+from drivers.documents import parse_toml, require_plain, shortened
 from service.config.sections import Configuration
 from service.errors import ConfigurationError
 
 PREFIX = "LIDARBOOST_"
 """`LIDARBOOST_FUSION__METHOD=area` overrides `method` in section `[fusion]` of the file."""
+
+_brief = Repr()
+_brief.maxstring = _brief.maxother = 80
 
 _NOT_CONFIGURATION = frozenset({"LIDARBOOST_DEBUG", "LIDARBOOST_ENDPOINT"})
 
@@ -55,12 +59,17 @@ def load(path: Path | None = None, flags: Mapping[str, Any] | None = None) -> Co
     layers = type("Layers", (_Layers,), {"document": document, "__module__": __name__})
     try:
         found = layers(**(flags or {}))
-    except SettingsError as error:
+    except (SettingsError, RecursionError) as error:
         raise ConfigurationError(
             f"environment: {error}; sections are set key by key, as {PREFIX}FUSION__METHOD"
         ) from error
     except ValidationError as error:
-        raise ConfigurationError("; ".join(_faults(error, path, document, flags or {}))) from error
+        raise ConfigurationError(shortened(_faults(error, path, document, flags or {}))) from error
+    for section, options in (("camera", found.camera.options), ("stage", found.stage.options)):
+        try:
+            require_plain(options)
+        except ValueError as error:
+            raise ConfigurationError(f"{section}.options {error}") from error
     return Configuration(**{name: getattr(found, name) for name in Configuration.model_fields})
 
 
@@ -71,13 +80,11 @@ def schema() -> dict[str, Any]:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))  # some editors begin with its mark
+        return parse_toml(path.read_bytes())
     except OSError as error:
         raise ConfigurationError(f"{path}: cannot read the configuration ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise ConfigurationError(f"{path}: not a text file in UTF-8; expected TOML") from error
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigurationError(f"{path}: not valid TOML ({error})") from error
+    except ValueError as error:
+        raise ConfigurationError(f"{path}: {error}") from error
 
 
 def _check_environment() -> None:
@@ -113,7 +120,7 @@ def _words(fault: ErrorDetails, keys: tuple[str, ...], model: type[BaseModel]) -
         return f"unknown key {name}{_nearest(keys[-1], list(model.model_fields), '.'.join(keys[:-1]))}"
     field = model.model_fields.get(keys[-1])
     meaning = f" ({field.description})" if field is not None and field.description else ""
-    return f"{name} = {fault['input']!r}: {fault['msg']}{meaning}"
+    return f"{name} = {_brief.repr(fault['input'])}: {fault['msg']}{meaning}"
 
 
 def _walk(location: tuple[int | str, ...]) -> tuple[tuple[str, ...], type[BaseModel]]:

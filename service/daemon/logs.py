@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 from service.messages.events import Event, Logged
 
-_LOGGERS = ("service", "drivers")
+_LOGGERS = ("service", "drivers", "solver")
 _QUIET = 10.0
 """Seconds in which the same message is not said again."""
 

@@ -14,9 +14,12 @@ from pydantic import BaseModel, ConfigDict, Field
 from drivers.backends import make_camera, make_stage
 from drivers.clock import VirtualClock
 from drivers.frame import Frame
+from drivers.poses import camera_rotation
 from drivers.recording import RecordingWriter, attachments, recording_head
 from drivers.simulated import SimulatedCamera, SimulatedStage
+from drivers.simulation.board import Chessboard, board_views, shown
 from drivers.simulation.render import Truth
+from drivers.simulation.scene import Surface
 from service.config.sections import Configuration
 from service.planning.plan import Plan, make_plan
 
@@ -56,15 +59,18 @@ class SimulationSummary(BaseModel):
 
 
 def record_simulation(
-    configuration: Configuration, path: Path, bursts: int, advance: Callable[[], None]
+    configuration: Configuration, path: Path, bursts: int, advance: Callable[[], None], views: bool = False
 ) -> SimulationSummary:
     """Take the configured plan `bursts` times and write a recording; nothing is left of one that fails.
+
+    Where the camera does not know its true calibration, that is stored beside the one it knows.
 
     Args:
         configuration: camera and stage backends `simulated`; goes into the recording.
         path: where the recording goes.
         bursts: times that the plan is taken.
         advance: called after each frame.
+        views: show the board (scene `board`) in another pose for each burst.
 
     Raises:
         PlanError: a pose that the stage cannot reach.
@@ -104,17 +110,32 @@ def record_simulation(
         with RecordingWriter(path, head.metadata) as writer:
             head.attach_to(writer, clock.now())
             writer.write_calibration(calibration, clock.now())
+            if not camera.options.calibrated:
+                true = camera.true_calibration.to_toml().encode()
+                writer.attach(attachments.TRUE_CALIBRATION, true, "application/toml", EPOCH)
+            shows = _board_views(camera, bursts) if views else None
             kept: list[Frame] = []
             for burst in range(bursts):
+                if shows is not None:
+                    camera.show(shows[burst])
                 for pose in range(len(plan)):
                     frame = _take(camera, stage, plan, burst, pose, configuration.stage.settle)
                     writer.write_frame(frame, calibration.mount)
+                    if not kept:
+                        truth = camera.truth(upsampling, stage.pose_at(frame.timestamp))
                     kept.append(frame)
                     advance()
-            truth = camera.truth(upsampling, stage.pose_at(kept[0].timestamp))
             writer.attach(attachments.TRUTH, _packed(truth), "application/octet-stream", EPOCH)
             writer.attach(attachments.THUMBNAIL, _thumbnail(kept[0], truth), "image/png", EPOCH)
     return _summary(path, camera.options.scene, bursts, kept, truth)
+
+
+def _board_views(camera: SimulatedCamera, count: int) -> list[list[Surface]]:
+    """The board in so many poses, each as the camera sees it at rest."""
+    board = Chessboard(*camera.options.board, camera.options.square)
+    true = camera.true_calibration
+    looking, centre = camera_rotation(0.0, 0.0, true.mount), np.asarray(true.mount.lever_arm)
+    return [shown(board, pose.seen_from(looking, centre)) for pose in board_views(board, count, true)]
 
 
 def _take(

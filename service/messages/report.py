@@ -6,7 +6,7 @@ from pydantic import BaseModel, ConfigDict, Field
 class Phases(BaseModel):
     """Wall-clock time by phase."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="ignore", frozen=True)
 
     registration: float = Field(ge=0, description="Seconds spent on finding where the frames look.")
     solve: float = Field(ge=0, description="Seconds spent on the map itself.")
@@ -16,7 +16,7 @@ class Phases(BaseModel):
 class BurstReport(BaseModel):
     """How the fusion of one burst went."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="ignore", frozen=True)
 
     burst: int = Field(description="Number of the burst; in a stream, of the newest frame.")
     timestamp: int = Field(description="Mid-exposure of the reference frame, ns since the epoch.")

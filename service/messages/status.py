@@ -4,19 +4,22 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+Source = Literal["device", "replay", "simulation"]
 State = Literal["starting", "idle", "scanning", "streaming", "recovering", "stopping"]
 
 
 class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    """Read too: what a newer service adds is passed over, what an older one lacks has its default."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
 
 
 class Degraded(_Part):
     """Something that does not work while the rest goes on."""
 
     what: str = Field(description="What is wrong.")
-    remedy: str = Field(description="What mends it.")
-    seconds: float = Field(ge=0, description="For how long.")
+    remedy: str = Field("", description="What mends it.")
+    seconds: float = Field(0.0, ge=0, description="For how long.")
 
 
 class Drops(_Part):
@@ -53,33 +56,35 @@ class Rates(_Part):
 class FusionState(_Part):
     """The process that fuses."""
 
-    backlog: int = Field(ge=0, description="Bursts, or frames of a stream, that wait.")
-    restarts: int = Field(ge=0, description="Times that the process had to be started again.")
-    hung: int = Field(ge=0, description="Times among them that it did not answer in time.")
-    error: str | None = Field(description="Its last fault; none = none.")
+    backlog: int = Field(0, ge=0, description="Bursts, or frames of a stream, that wait.")
+    restarts: int = Field(0, ge=0, description="Times that the process had to be started again.")
+    hung: int = Field(0, ge=0, description="Times among them that it did not answer in time.")
+    error: str | None = Field(None, description="Its last fault; none = none.")
 
 
 class RecorderState(_Part):
     """What the recorder is doing."""
 
-    recording: bool = Field(description="Whether it records.")
-    file: str | None = Field(description="The file being written, or the last one.")
-    size: int = Field(ge=0, description="Bytes in it.")
-    messages: int = Field(ge=0, description="Messages written by this recorder.")
-    free: int | None = Field(description="Bytes free on the disk; none while nothing was recorded.")
+    recording: bool = Field(False, description="Whether it records.")
+    file: str | None = Field(None, description="The file being written, or the last one.")
+    size: int = Field(0, ge=0, description="Bytes in it.")
+    messages: int = Field(0, ge=0, description="Messages written by this recorder.")
+    free: int | None = Field(None, description="Bytes free on the disk; none while nothing was recorded.")
 
 
 class SinkState(_Part):
     """One of those that take the events."""
 
     name: str
-    state: Literal["running", "restarting", "failed", "ended"]
-    waiting: int = Field(ge=0, description="Events in its queue.")
-    taken: int = Field(ge=0, description="Events worked off.")
-    dropped: int = Field(ge=0, description="Events lost to it.")
-    faults: int = Field(ge=0, description="Times that it failed.")
-    abandoned: int = Field(ge=0, description="Times that it hung and was given up.")
-    error: str | None = Field(description="Why it does not run, or its last fault; none = none.")
+    state: Literal["running", "restarting", "failed", "ended"] | str = Field(
+        "running", description="Whether it works."
+    )
+    waiting: int = Field(0, ge=0, description="Events in its queue.")
+    taken: int = Field(0, ge=0, description="Events worked off.")
+    dropped: int = Field(0, ge=0, description="Events lost to it.")
+    faults: int = Field(0, ge=0, description="Times that it failed.")
+    abandoned: int = Field(0, ge=0, description="Times that it hung and was given up.")
+    error: str | None = Field(None, description="Why it does not run, or its last fault; none = none.")
 
 
 class CommandCounts(_Part):
@@ -92,25 +97,29 @@ class CommandCounts(_Part):
 class Status(_Part):
     """How the service is doing; once a second."""
 
-    timestamp: int = Field(description="When this was true, ns since the epoch.")
-    version: str = Field(description="Version of the software.")
-    state: State = Field(description="What it is doing.")
-    reason: str = Field(description="Why it is in that state.")
+    timestamp: int = Field(0, description="When this was true, ns since the epoch.")
+    version: str = Field("unknown", description="Version of the software.")
+    state: State | str = Field("unknown", description="What it is doing.")
+    reason: str = Field("", description="Why it is in that state.")
     paused: bool = Field(False, description="Whether it stands still between two poses.")
-    seconds: float = Field(ge=0, description="For how long it has been in that state.")
-    degraded: tuple[Degraded, ...] = Field(description="What does not work meanwhile.")
-    source: Literal["device", "replay", "simulation"] | None = Field(
-        description="Where frames come from; none while there is no camera."
+    seconds: float = Field(0.0, ge=0, description="For how long it has been in that state.")
+    degraded: tuple[Degraded, ...] = Field((), description="What does not work meanwhile.")
+    source: Source | str | None = Field(
+        None, description="Where frames come from; none while there is no camera."
     )
-    model: str | None = Field(description="What the camera is.")
-    serial: str | None = Field(description="Its serial number.")
-    uptime: float = Field(ge=0, description="Seconds since the start.")
-    totals: Totals
-    rates: Rates
-    drops: Drops
-    fusion: FusionState
-    latency: float | None = Field(description="Seconds from the last frame of the last burst to its map.")
-    recorder: RecorderState | None = Field(description="What is recorded; none = no recorder.")
-    sinks: tuple[SinkState, ...] = Field(description="Who takes the events, and how that goes.")
+    model: str | None = Field(None, description="What the camera is.")
+    serial: str | None = Field(None, description="Its serial number.")
+    uptime: float = Field(0.0, ge=0, description="Seconds since the start.")
+    totals: Totals = Totals()
+    rates: Rates = Rates()
+    drops: Drops = Drops()
+    fusion: FusionState = FusionState()
+    latency: float | None = Field(
+        None, description="Seconds from the last frame of the last burst to its map."
+    )
+    recorder: RecorderState | None = Field(None, description="What is recorded; none = no recorder.")
+    sinks: tuple[SinkState, ...] = Field((), description="Who takes the events, and how that goes.")
     commands: CommandCounts = CommandCounts()
-    error: str | None = Field(description="The last error of capture or fusion; none = all well so far.")
+    error: str | None = Field(
+        None, description="The last error of capture or fusion; none = all well so far."
+    )

@@ -17,7 +17,7 @@ from service.messages.decoding import Received, decode
 from service.messages.topics import FUSED_CALIBRATION, TOPICS, Congestion, Topic
 from service.wire.addresses import DEFAULT_ENDPOINT, DEFAULT_PREFIX
 from service.wire.session import open_session
-from service.wire.subscription import LatestCalibration, Subscription
+from service.wire.subscription import CALIBRATION_WAIT, LatestCalibration, Subscription
 
 _IMAGES = 2
 """Images that wait for a slow reader: the one it takes next, and the newest."""
@@ -132,6 +132,9 @@ class Client:
                 latest = LatestCalibration()
                 subscriber = self._declare(topic, latest.arrived)
                 self._resources.callback(subscriber.undeclare)
+                told = self._ask(topic, CALIBRATION_WAIT)
+                if told is not None:
+                    latest.arrived(told)
                 self._calibrations[topic] = latest
             return self._calibrations[topic]
 

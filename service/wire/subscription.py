@@ -10,8 +10,11 @@ from typing import Any, Self
 
 import numpy as np
 import zenoh
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 
-from drivers.messages import CAMERA_CALIBRATION
+from drivers.calibration import Calibration
+from drivers.errors import RecordingError
+from drivers.lens_message import calibration_of
 from service.errors import RemoteError
 from service.messages.decoding import Received, decode
 
@@ -101,23 +104,52 @@ class LatestCalibration:
 
     def __init__(self) -> None:
         self._changed = Condition()
-        self._latest: Any = None
+        self._latest: Calibration | RemoteError | None = None
+        self._came = False
 
     def arrived(self, sample: zenoh.Sample) -> None:
-        value = decode(CAMERA_CALIBRATION, str(sample.encoding), sample.payload.to_bytes()).value
+        """Take one that came."""
+        topic = str(sample.key_expr)
+        told: Calibration | RemoteError | None
+        try:
+            told = calibration_in(decode(topic, str(sample.encoding), sample.payload.to_bytes()))
+        except RemoteError as error:
+            told = error
         with self._changed:
-            self._latest = value
+            self._latest, self._came = told, True
             self._changed.notify_all()
 
     def given_to(self, image: Received) -> Received:
-        """The image with its intrinsics and distortion; without, where none of its size comes in time."""
-        rows, columns = image.value.shape
+        """The image with its intrinsics and distortion; without, where none of its size comes in time.
+
+        Raises:
+            RemoteError: the lens is one that cannot be used.
+        """
 
         def fits() -> bool:
-            return self._latest is not None and (self._latest.height, self._latest.width) == (rows, columns)
+            other = isinstance(self._latest, Calibration) and self._latest.shape != image.value.shape
+            return self._came and not other
 
         with self._changed:
-            if not self._changed.wait_for(fits, CALIBRATION_WAIT):
-                return image
-            K = np.array(self._latest.K).reshape(3, 3)
-            return replace(image, intrinsics=K, distortion=np.array(self._latest.D))
+            self._changed.wait_for(fits, CALIBRATION_WAIT)
+            latest = self._latest
+        if isinstance(latest, RemoteError):
+            raise latest
+        if latest is None or latest.shape != image.value.shape:
+            return image
+        lens = np.array(latest.distortion or (0.0,) * 5)
+        return replace(image, intrinsics=latest.intrinsics.matrix, distortion=lens)
+
+
+def calibration_in(received: Received) -> Calibration | None:
+    """What a calibration message tells; None where the camera is not calibrated.
+
+    Raises:
+        RemoteError: it is none, or has a lens that cannot be used.
+    """
+    if not isinstance(received.value, CameraCalibration):
+        raise RemoteError(f"{received.topic}: expected a foxglove.CameraCalibration")
+    try:
+        return calibration_of(received.value, received.topic)
+    except RecordingError as error:
+        raise RemoteError(str(error)) from error

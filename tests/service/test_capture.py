@@ -17,7 +17,7 @@ from drivers import (
 )
 from drivers.clock import VirtualClock
 from service.capture.control import Control
-from service.capture.loop import CarriedBursts, Grabber, ScanBursts, exposure_start
+from service.capture.loop import CarriedBursts, Grabber, ScanBursts
 from service.capture.rig import Rig
 from service.capture.series import Capture
 from service.config.sections import PlanSection
@@ -81,9 +81,33 @@ def test_no_frame_was_exposed_before_the_stage_stood_still() -> None:
 
     scene.stage._wait = observed  # type: ignore[method-assign]
     (burst,) = scene.take(1)
-    assert all(exposure_start(f) >= at for f, at in zip(burst.frames, settled, strict=True))
+    assert all(scene.camera.exposure_start(f) >= at for f, at in zip(burst.frames, settled, strict=True))
     assert scene.counts.stale > 0, "the camera ran while the stage moved, so some frames must have been stale"
     assert scene.counts.dropped == 0, "frames that pass while the stage moves are nobody's loss"
+
+
+def test_where_nothing_moves_nothing_is_stale() -> None:
+    scene = Scene()
+    scene.plan.offsets[:] = 0
+    scene.take(3)
+    assert len(scene.stage.moves) == 1
+    assert scene.counts.frames == 15
+    assert scene.counts.stale == 3, "only what came while the stage was sent there"
+
+
+def test_a_stage_that_was_moved_meanwhile_is_sent_back() -> None:
+    scene = Scene()
+    scene.plan.offsets[:] = 0
+    scene.take(1)
+    scene.stage._move_to(0.1, 0.0)
+    scene.take(1)
+    assert len(scene.stage.moves) == 3
+
+
+def test_an_unknown_integration_time_is_taken_as_the_longest() -> None:
+    scene = Scene()
+    unknown = frame(0, 10**9, integration_time=None, timestamp_uncertainty=10**6)
+    assert scene.camera.exposure_start(unknown) == 10**9 - 10**6 - 2 * 10**8
 
 
 def test_bursts_follow_one_another() -> None:

@@ -1,18 +1,25 @@
 """The executor on this machine: maps, streams, faults, full backlogs, and an end that never hangs."""
 
+import inspect
 import os
+import shutil
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import Future
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from numba.core.caching import UserProvidedCacheLocator
 from scripted import calibration, frame
 
 from service.config.sections import FusionSection
 from service.errors import HungError, WorkerError
+from service.fusion.answering import WarmUp, answering
 from service.fusion.backlog import Backlog
 from service.fusion.deadline import Deadline
 from service.fusion.executor import Executor
@@ -22,6 +29,9 @@ from service.messages.burst import Burst
 from service.messages.map import FusedMap
 from service.messages.status import FusionState
 from solver.errors import FusionError
+from solver.kernels.caching import caches
+
+WEDGES = Path(__file__).parents[2] / "recordings" / "wedges.mcap"
 
 SETTINGS = FusionSection(method="nearest", upsampling=2, register_poses=False, timeout=30.0)
 
@@ -179,6 +189,35 @@ def test_closing_never_hangs_and_leaves_no_process(after: float) -> None:
     assert time.monotonic() - began < 8
     assert executor.pid is None
     assert future.done()
+
+
+def test_a_torn_kernel_on_disk_stops_neither_the_worker_nor_fuse(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answering()(WarmUp(SETTINGS))  # compiled, should they not be
+    copied = []
+    for cache in caches():
+        folder = UserProvidedCacheLocator.get_suitable_cache_subpath(inspect.getfile(cache._py_func))
+        for path in cache.files[-1].folder.glob(f"{cache._impl.filename_base}.*"):
+            (tmp_path / folder).mkdir(exist_ok=True, mode=0o755)
+            copied.append(Path(shutil.copy(path, tmp_path / folder / path.name)))
+    (torn,) = (path for path in copied if path.name.startswith("noise.thinned-") and path.suffix == ".nbi")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    config = tmp_path / "rig.toml"
+    config.write_text("[fusion]\nregister_poses = false\n")  # few kernels are needed
+    command = [sys.executable, "-m", "lidarboost", "fuse", WEDGES, "--method", "nearest", "--config", config]
+    torn.write_bytes(b"")
+    done = subprocess.run(command, capture_output=True, text=True, cwd=WEDGES.parents[1])
+    assert (done.returncode, done.stderr) == (0, "")
+    assert torn.stat().st_size > 0
+    torn.write_bytes(b"")
+    executor = LocalExecutor(SETTINGS)
+    try:
+        assert map_of(executor, job(0)).report.burst == 0
+    finally:
+        executor.close()
+    assert executor.state.restarts == 0
+    assert torn.stat().st_size > 0
 
 
 def test_the_deadline_follows_what_is_usual_and_never_exceeds_the_limit() -> None:

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from drivers.calibration import sr3000_calibration
 from drivers.recording import open_recording
 from drivers.simulated import SimulatedCamera
+from service.calibration.board import Board, find_board
+from service.calibration.intrinsics import distinct_views
 from service.cli import app
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
@@ -166,3 +169,39 @@ def test_the_bundled_recordings_are_what_the_simulator_makes_today(tmp_path, nam
             off = np.abs(getattr(new, image).astype(int) - getattr(old, image).astype(int))
             assert np.minimum(off, 65536 - off).max() <= 1
     np.testing.assert_allclose(made.truth, bundled.truth, atol=1e-4)
+
+
+def test_a_board_is_shown_in_many_poses(tmp_path):
+    path = tmp_path / "board.mcap"
+    result = run("--scene", "board", "--views", 3, "--board", "8x5", "--square", 40, "-o", path)
+    assert result.exit_code == 0, result.output
+    frames = list(open_recording(path).frames())
+    assert [(frame.burst, frame.pose) for frame in frames] == [(0, 0), (1, 0), (2, 0)]
+    assert {(frame.pan, frame.tilt) for frame in frames} == {(0.0, 0.0)}
+    seen = [find_board(frame.amplitude, Board(8, 5, 0.04)) for frame in frames]
+    assert all(sighting is not None for sighting in seen)
+    assert len(distinct_views(seen, 176)) == 3
+
+
+def test_views_of_what_is_no_board_are_refused(tmp_path):
+    result = run("--scene", "wedges", "--views", 3, "-o", tmp_path / "x.mcap")
+    assert result.exit_code == 2
+    assert "expected --scene board, not wedges" in result.output
+
+
+def test_a_wall_stands_where_it_is_put(tmp_path):
+    path = tmp_path / "wall.mcap"
+    result = run("--scene", "plane", "--away", 1.2, "--span", 0, "-n", 2, "--no-noise", "-o", path)
+    assert result.exit_code == 0, result.output
+    frames = list(open_recording(path).frames())
+    assert {(frame.pan, frame.tilt) for frame in frames} == {(0.0, 0.0)}
+    assert frames[0].distance[72, 88] == pytest.approx(1.2, abs=1e-3)
+
+
+def test_the_mount_is_given_once(tmp_path):
+    true = tmp_path / "true.toml"
+    sr3000_calibration().save(true)
+    result = run("--camera", true, "--lever-arm", 0, 0, 0.1, "-o", tmp_path / "x.mcap")
+    assert result.exit_code != 0
+    assert "lever_arm: the calibration file says that" in result.output
+    assert not (tmp_path / "x.mcap").exists()
