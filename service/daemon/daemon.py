@@ -31,7 +31,7 @@ from service.daemon.modes import Idle, Mode, Scanning, Streaming
 from service.daemon.monitor import Monitor
 from service.daemon.states import States
 from service.daemon.systemd import READY, STOPPING, notify
-from service.errors import InvalidStateError, UnavailableError
+from service.errors import InvalidStateError, IoFailureError, MotionError, UnavailableError
 from service.messages.events import DevicesOpened, Event, FrameCaptured, HeadChanged, ScanProgressed
 from service.messages.status import CommandCounts
 from service.sinks.bus import Bus
@@ -172,13 +172,33 @@ class Daemon:
             self.control.renew()
             self.states.enter(mode.state, mode.reason)
             entered.set_result(None)
-            mode.run()
-            following = self.agenda.take()
-            if following is None or following[0].state != "scanning":
-                self.agenda.give_up(InvalidStateError("the scan ended before its turn came"))
+            following = self._after(mode)
             if following is None:
                 return
             mode, entered = following
+
+    def _after(self, mode: Mode) -> "tuple[Mode, Future[None]] | None":
+        """Work in a mode until it ends; what follows it."""
+        try:
+            mode.run()
+        except MotionError as error:
+            if self.once:
+                raise
+            self.agenda.give_up(IoFailureError(str(error)))
+            return self._standing_still(error), Future()
+        following = self.agenda.take()
+        if following is None or following[0].state != "scanning":
+            self.agenda.give_up(InvalidStateError("the scan ended before its turn came"))
+        if following is not None and following[0].state != "idle":
+            self.states.mend("stage")
+        return following
+
+    def _standing_still(self, error: MotionError) -> Mode:
+        """Nothing moves any more: what made the stage unsafe needs a person, who starts it again."""
+        _log.error("%s", error)
+        self.grabber.counts.error = str(error)
+        self.states.degrade("stage", str(error), "look at the stage, then start again")
+        return Idle(self, str(error))
 
     def _made(self, name: ModeName) -> Mode:
         if name == "idle":

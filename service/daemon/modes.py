@@ -48,20 +48,19 @@ class Idle:
     """Devices are open, nothing is captured."""
 
     state: State = "idle"
-    reason = "waiting to be asked"
 
-    def __init__(self, daemon: Daemon) -> None:
-        self._daemon = daemon
+    def __init__(self, daemon: Daemon, reason: str = "waiting to be asked") -> None:
+        self._daemon, self.reason = daemon, reason
 
     def prepare(self) -> None: ...
 
     def run(self) -> None:
         daemon = self._daemon
         recover = daemon.recover(self)
-        if not daemon.rig.is_open:  # something was asked for while a device was lost
-            recover(DeviceLostError("a device is still lost"))
         while not daemon.ending:
             try:
+                if not daemon.rig.is_open:  # something was asked for while a device was lost
+                    raise DeviceLostError("a device is still lost")
                 daemon.control.rest()
             except OperationError as error:
                 recover(error)
