@@ -48,7 +48,12 @@ def _model(name: str) -> "type[BaseModel]":
     from drivers.settings import CameraSettings
     from service.config.sections import FusionSection, PlanSection
 
-    return {"settings": CameraSettings, "plan": PlanSection, "fusion": FusionSection}[name]
+    models: dict[str, type[BaseModel]] = {
+        "settings": CameraSettings,
+        "plan": PlanSection,
+        "fusion": FusionSection,
+    }
+    return models[name]
 
 
 settings = _app("settings", "the camera's settings", "integration_time=0.01")

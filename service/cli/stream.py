@@ -10,7 +10,7 @@ from service.cli.remote import DEFAULT_ENDPOINT, DEFAULT_PREFIX, Endpoint, Prefi
 app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
-    help="Have a running service fuse every frame, with the last ones.",
+    help="Have a running service give a map for every frame.",
 )
 
 add_verb(app, "cmd/stream", "stop", "End after the frame at work.")

@@ -89,7 +89,7 @@ class Daemon:
     @property
     def ending(self) -> bool:
         """Whether the mode at work shall end, between two bursts or frames."""
-        return self.stop.is_set() or self.agenda.changing
+        return self.stop.is_set() or self.agenda.next is not None
 
     def emit(self, event: Event) -> None:
         """Note an event and hand it to the sinks."""
@@ -98,9 +98,9 @@ class Daemon:
         if (progress := self._advance.after(event)) is not None:
             self.bus.emit(ScanProgressed(progress))
 
-    def request(self, mode: ModeName) -> None:
-        """Ask for another mode; it begins after the burst, or the frame, at work."""
-        self.agenda.ask(lambda: self._prepared(mode))
+    def rest(self) -> None:
+        """Be idle after the burst, or the frame, at work; for any thread."""
+        self.agenda.ask(Idle(self))
         self.control.inbox.wake()
 
     def begin(self, mode: Mode) -> "Future[None]":
@@ -110,7 +110,7 @@ class Daemon:
             DriverError, ServiceError: it cannot be made ready; what was at work goes on.
         """
         mode.prepare()
-        return self.agenda.ask(lambda: mode)
+        return self.agenda.ask(mode)
 
     def reconfigure(self, **sections: BaseModel) -> None:
         """Put other sections of the configuration in force; for the thread that owns the devices.
@@ -127,11 +127,15 @@ class Daemon:
             raise
 
     def renew(self) -> None:
-        """Have the mode at work begin anew with what is configured now; raises as `begin`."""
-        if self.mode is None or isinstance(self.mode, Idle) or self.agenda.changing:
-            Scanning(self).prepare()
-        else:
-            self.begin(self.mode.anew())
+        """Have the mode at work, or the next, begin anew with what is configured now; raises as `begin`."""
+        following = self.agenda.next
+        mode = following if following is not None else self.mode
+        fresh = Scanning(self) if mode is None or isinstance(mode, Idle) else mode.anew()
+        fresh.prepare()  # a plan is looked at also where nothing is scanned
+        if following is not None and not isinstance(following, Idle):
+            self.agenda.replace(fresh)
+        elif following is None and not isinstance(mode, Idle):
+            self.agenda.ask(fresh)
         self._find_truth()
         self.emit(HeadChanged(self._head()))
 
@@ -187,6 +191,8 @@ class Daemon:
             self.agenda.give_up(IoFailureError(str(error)))
             return self._standing_still(error), Future()
         following = self.agenda.take()
+        if following is None and self.control.halted and not self.stop.is_set():
+            following = Idle(self), Future()
         if following is None or following[0].state != "scanning":
             self.agenda.give_up(InvalidStateError("the scan ended before its turn came"))
         if following is not None and following[0].state != "idle":
@@ -204,11 +210,6 @@ class Daemon:
         if name == "idle":
             return Idle(self)
         return Streaming(self) if name == "stream" else Scanning(self)
-
-    def _prepared(self, name: ModeName) -> Mode:
-        mode = self._made(name)
-        mode.prepare()
-        return mode
 
     def _refuse_all(self) -> None:
         """Nobody serves any more: say so to all who wait, and to all who come."""
@@ -279,7 +280,7 @@ class Daemon:
         """Whether to give up waiting for a device; meanwhile what can be done without it is done."""
         with suppress(DeviceLostError):
             self.control.inbox.serve("pose")
-        return self.control.halted or self.agenda.changing
+        return self.control.halted or self.agenda.next is not None
 
     def _captured(self, frame: Frame) -> None:
         self.emit(FrameCaptured(frame, self.rig.calibration.mount))

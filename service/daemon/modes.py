@@ -62,6 +62,7 @@ class Idle:
                 if not daemon.rig.is_open:  # something was asked for while a device was lost
                     raise DeviceLostError("a device is still lost")
                 daemon.control.rest()
+                daemon.control.renew()  # a cancellation that came too late
             except OperationError as error:
                 recover(error)
 
@@ -112,7 +113,7 @@ class Scanning:
                 if daemon.once and not daemon.carries_pose:
                     return
                 if self.asked and not daemon.agenda.awaited:
-                    daemon.request("idle")
+                    daemon.rest()
         finally:
             daemon.next_burst = capture.number
 

@@ -52,8 +52,8 @@ class Asking:
                 return self._read(name, replies)
             time.sleep(min(_RETRY, max(0.0, deadline - time.monotonic())))  # nobody is there yet
         raise RemoteError(
-            f"{name}: no service answered at {self._endpoint} within {timeout:g} s; does one run, is its prefix "
-            f"{self._prefix!r}, and does it need longer?"
+            f"{name}: no service answered at {self._endpoint} within {timeout:g} s; does one run, is its "
+            f"prefix {self._prefix!r}, and does it need longer?"
         )
 
     def _query(self, name: str, request: dict[str, Any], timeout: float) -> list[zenoh.Reply]:

@@ -44,7 +44,7 @@ class Stop(Verb):
         if desk.daemon.control.paused:
             raise InvalidStateError("paused in a burst: resume it, or cancel it")
         if desk.is_scanning:
-            desk.daemon.request("idle")
+            desk.daemon.rest()
         return desk.reply(ScanReply)
 
 
@@ -56,8 +56,8 @@ class Cancel(Verb):
     def carry_out(self, desk: Desk) -> Answer:
         _refuse_stream(desk)
         if desk.is_scanning:
-            desk.daemon.request("idle")
             desk.daemon.control.cancel()
+            desk.daemon.rest()
         return desk.reply(ScanReply)
 
 
@@ -73,12 +73,13 @@ class Once(Verb):
     def carry_out(self, desk: Desk) -> Answer:
         _refuse_stream(desk)
         daemon, answer = desk.daemon, Future[Outcome]()
-        mode = Scanning(daemon, asked=True) if desk.is_idle and not daemon.ending else None
-        if mode is not None:
+        following = daemon.agenda.next or desk.mode
+        mode = following if isinstance(following, Scanning) else Scanning(daemon, asked=True)
+        if mode is not following:
             mode.prepare()
         daemon.agenda.queue(lambda result: self._fused(desk, answer, result))
-        if mode is not None:
-            daemon.agenda.ask(lambda: mode)
+        if mode is not following:
+            daemon.agenda.ask(mode)
         return answer
 
     def _fused(self, desk: Desk, answer: "Future[Outcome]", result: FusedMap | Exception) -> None:

@@ -38,9 +38,10 @@ class Stop(Verb):
 
     def carry_out(self, desk: Desk) -> Answer:
         daemon = desk.daemon
-        if not desk.is_idle:
-            daemon.request("idle")
-        daemon.control.cancel()
+        was_idle = desk.is_idle
+        daemon.control.halt()
+        if not was_idle:
+            daemon.rest()
         return then(daemon.control.inbox.submit(lambda: _halt(desk), "pose"), Outcome)
 
 
@@ -61,7 +62,7 @@ class Home(Verb):
 
 def _halt(desk: Desk) -> StageReply:
     daemon = desk.daemon
-    daemon.control.renew()
+    daemon.control.release()
     daemon.rig.motion.halt()
     return _reply(desk)
 
