@@ -97,6 +97,18 @@ class Grabber:
             except DeviceTimeoutError:
                 continue
 
+    def grab_fresh(self, still: int) -> Frame:
+        """The next frame whose exposure began at `still` (ns) or later; raises as `grab`."""
+        for _ in range(_STALE):
+            frame = self.grab()
+            if self.rig.camera.exposure_start(frame) >= still:
+                return frame
+            self.counts.stale += 1
+        raise OperationError(
+            f"{_STALE} frames in a row were exposed before the stage stood still; expected their times to "
+            "follow the host's clock: check the camera's timestamps"
+        )
+
     def put_back(self, frame: Frame) -> None:
         """Have the next `grab` give this one again: it belongs to the next burst."""
         self._held = frame
@@ -183,22 +195,11 @@ class ScanBursts:
 
     def _attempt(self, number: int | None, pose: int) -> Frame:
         assert self._stand is not None
-        frame = self._fresh(self._stand.still)
+        frame = self._grabber.grab_fresh(self._stand.still)
         position = self._rig.motion.position
         numbers = (None, None) if number is None else (number, pose)
         placed = replace(frame, pan=position.pan, tilt=position.tilt, burst=numbers[0], pose=numbers[1])
         return self._grabber.keep(placed)
-
-    def _fresh(self, still: int) -> Frame:
-        for _ in range(_STALE):
-            frame = self._grabber.grab()
-            if self._rig.camera.exposure_start(frame) >= still:
-                return frame
-            self._grabber.counts.stale += 1
-        raise OperationError(
-            f"{_STALE} frames in a row were exposed before the stage stood still; expected their times to "
-            "follow the host's clock: check the camera's timestamps"
-        )
 
 
 class CarriedBursts:

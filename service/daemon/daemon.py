@@ -3,13 +3,12 @@
 import logging
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from threading import Event as Flag
 from typing import Literal
 
 from pydantic import BaseModel
 
-from drivers.errors import DeviceLostError, OperationError
 from drivers.frame import Frame
 from drivers.poses import camera_rotation
 from drivers.recording import Recording, RecordingHead
@@ -19,7 +18,6 @@ from service.capture.head import head_of
 from service.capture.loop import Grabber
 from service.capture.played import recording_of, truth_of
 from service.capture.rig import Rig
-from service.capture.series import Recover
 from service.config.sections import Configuration
 from service.daemon.advance import Advance
 from service.daemon.agenda import Agenda
@@ -31,7 +29,7 @@ from service.daemon.modes import Idle, Mode, Scanning, Streaming
 from service.daemon.monitor import Monitor
 from service.daemon.states import States
 from service.daemon.systemd import READY, STOPPING, notify
-from service.errors import InvalidStateError, IoFailureError, MotionError, UnavailableError
+from service.errors import InvalidStateError, IoFailureError, MotionError
 from service.messages.events import DevicesOpened, Event, FrameCaptured, HeadChanged, ScanProgressed
 from service.messages.status import CommandCounts
 from service.sinks.bus import Bus
@@ -174,7 +172,8 @@ class Daemon:
         while not self.stop.is_set():
             self.mode = mode
             self.control.renew()
-            self.states.enter(mode.state, mode.reason)
+            if self.rig.is_open:
+                self.states.enter(mode.state, mode.reason)
             entered.set_result(None)
             following = self._after(mode)
             if following is None:
@@ -218,20 +217,11 @@ class Daemon:
 
     def _announce(self) -> None:
         known, recording = self.rig.camera.capabilities, self.recording
-        settings = self.configuration
+        settings, calibration = self.configuration, self.rig.calibration
         expected = settings.stream.window if settings.start == "stream" else settings.fusion.frames
         frames = recording.frame_count if recording is not None else expected if self.once else None
-        calibration = self.rig.calibration
-        self.emit(
-            DevicesOpened(
-                model=known.model,
-                source=known.source,
-                calibration=calibration,
-                frames=frames,
-                timestamp=self.rig.clock.now(),
-                head=self._head(),
-            )
-        )
+        now = self.rig.clock.now()
+        self.emit(DevicesOpened(known.model, known.source, calibration, frames, now, self._head()))
         camera_rotation(0.0, 0.0, calibration.mount)  # imports a good part of SciPy, once, before frames come
 
     def _head(self) -> RecordingHead:
@@ -262,25 +252,6 @@ class Daemon:
             yield
         finally:
             self.rig.close()
-
-    def recover(self, mode: Mode) -> Recover:
-        """Opens lost devices again, with the state told; False where another mode was asked for first."""
-
-        def reopened(error: OperationError) -> bool:
-            self.states.enter("recovering", str(error))
-            self.control.inbox.refuse(UnavailableError(f"a device is lost ({error}): wait until it is back"))
-            done = self.rig.reopen(self._elsewhere)
-            if done:
-                self.states.enter(mode.state, mode.reason)
-            return done
-
-        return reopened
-
-    def _elsewhere(self) -> bool:
-        """Whether to give up waiting for a device; meanwhile what can be done without it is done."""
-        with suppress(DeviceLostError):
-            self.control.inbox.serve("pose")
-        return self.control.halted or self.agenda.next is not None
 
     def _captured(self, frame: Frame) -> None:
         self.emit(FrameCaptured(frame, self.rig.calibration.mount))

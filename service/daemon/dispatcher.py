@@ -128,7 +128,7 @@ class Dispatcher:
             self._accepted += 1
         self._note(request, verb)
         outcome = Outcome(answer) if isinstance(answer, Reply) else answer
-        request.answer(outcome.reply.model_dump_json().encode(), outcome.messages)
+        request.answer(outcome.reply.payload(), outcome.messages)
 
     def _note(self, request: Request, verb: Verb) -> None:
         if not verb.changes:

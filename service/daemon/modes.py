@@ -12,6 +12,7 @@ from service.capture.rig import Rig
 from service.capture.series import Capture
 from service.capture.stream import CarriedFrames, SweptFrames
 from service.config.sections import Configuration
+from service.daemon.recovery import Recovery
 from service.fusion.job import BurstJob, FrameJob
 from service.messages.burst import Burst, check_frame
 from service.messages.events import BurstCaptured
@@ -56,7 +57,7 @@ class Idle:
 
     def run(self) -> None:
         daemon = self._daemon
-        recover = daemon.recover(self)
+        recover = Recovery(daemon, self)
         while not daemon.ending:
             try:
                 if not daemon.rig.is_open:  # something was asked for while a device was lost
@@ -101,7 +102,7 @@ class Scanning:
         capture = Capture(
             daemon.grabber,
             self._source,
-            daemon.recover(self),
+            Recovery(daemon, self),
             lambda: daemon.ending,
             pause=settings.plan.pause,
             hurried=lambda: daemon.agenda.awaited,
@@ -149,7 +150,7 @@ class Streaming:
 
     def run(self) -> None:
         daemon, settings = self._daemon, self._daemon.configuration
-        capture = Capture(daemon.grabber, self._source, daemon.recover(self), lambda: daemon.ending)
+        capture = Capture(daemon.grabber, self._source, Recovery(daemon, self), lambda: daemon.ending)
         for number, frame in enumerate(capture.run()):
             calibration = daemon.rig.calibration
             check_frame(frame, calibration)

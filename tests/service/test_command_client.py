@@ -77,6 +77,10 @@ def test_the_command_line_has_the_verbs(service: Running, endpoint: str) -> None
     assert "pose 4 of 4" in err
     code, out, _ = run(endpoint, "scan", "once", "--json")
     assert json.loads(out)["report"]["burst"] == 1
+    code, out, _ = run(endpoint, "scan", "check")
+    assert code == 0
+    assert out.startswith("4 poses in about ")
+    assert "0.0% saturated, 0.0% dark; noise 0." in out
     code, out, _ = run(endpoint, "plan", "set", "span=2", "axes=pan")
     assert code == 0
     assert "span = 2.0" in out

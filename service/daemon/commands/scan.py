@@ -6,19 +6,25 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from service.daemon.desk import Desk
-from service.daemon.modes import Scanning
+from service.daemon.modes import Scanning, planned
 from service.daemon.verb import Answer, Command, Outcome, Place, Reply, Verb, then
 from service.errors import InvalidStateError
 from service.messages.encoding import fused_messages
 from service.messages.events import Delivery
 from service.messages.map import FusedMap
 from service.messages.report import BurstReport
+from service.planning.check import ScanCheck, check_scan
+from service.planning.estimate import estimate_plan
+
+_LOOKED_AT = 5
+"""Frames from which exposure and noise are taken."""
 
 
 class ScanReply(Reply):
     """Where the scan is."""
 
     report: BurstReport | None = Field(None, description="How the fusion went; of `once`.")
+    check: ScanCheck | None = Field(None, description="What a burst would give; of `check`.")
 
 
 class Start(Verb):
@@ -93,6 +99,30 @@ class Once(Verb):
         return Outcome(reply, fused_messages(result) if self.map else ())
 
 
+class Check(Verb):
+    """What a burst would give: nothing moves, a few frames are looked at."""
+
+    place: ClassVar[Place] = "burst"
+    changes: ClassVar[bool] = False
+    action: Literal["check"]
+
+    def carry_out(self, desk: Desk) -> Answer:
+        daemon = desk.daemon
+        if daemon.carries_pose:
+            raise InvalidStateError("a recording is played: its poses and its exposure are what they are")
+        settings, rig, grabber = daemon.configuration, daemon.rig, daemon.grabber
+        plan = planned(settings, rig, settings.fusion.frames)
+        section = settings.plan
+        expected = estimate_plan(
+            plan, rig.calibration, settings.fusion.upsampling, section.nearest, section.farthest
+        )
+        now = rig.clock.now()
+        grabber.restart()
+        frames = [grabber.grab_fresh(now) for _ in range(_LOOKED_AT)]
+        found = check_scan(plan, expected, frames, settle=settings.stage.settle, speed=rig.stage.speed)
+        return desk.reply(ScanReply, check=found)
+
+
 class Pause(Verb):
     """Stand still after the pose at work."""
 
@@ -128,6 +158,6 @@ def _refuse_stream(desk: Desk) -> None:
 COMMAND = Command(
     "cmd/scan",
     "Bursts by the plan, each fused into a map.",
-    (Start, Stop, Cancel, Once, Pause, Resume),
+    (Start, Stop, Cancel, Once, Pause, Resume, Check),
     ScanReply,
 )

@@ -6,7 +6,7 @@ from pydantic import Field
 
 from service.daemon.desk import Desk
 from service.daemon.verb import Answer, Command, Outcome, Place, Reply, Verb, then
-from service.errors import InvalidStateError
+from service.errors import InvalidStateError, UnavailableError
 
 
 class StageReply(Reply):
@@ -42,7 +42,12 @@ class Stop(Verb):
         daemon.control.halt()
         if not was_idle:
             daemon.rest()
-        return then(daemon.control.inbox.submit(lambda: _halt(desk), "pose"), Outcome)
+        try:
+            halted = daemon.control.inbox.submit(lambda: _halt(desk), "pose")
+        except UnavailableError:
+            daemon.control.release()  # it has been stopped on the way all the same
+            raise
+        return then(halted, Outcome)
 
 
 class Home(Verb):
