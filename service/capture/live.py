@@ -6,11 +6,12 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import islice
-from threading import Event, current_thread, main_thread
+from threading import current_thread, main_thread
 from types import FrameType
 
 from drivers.errors import EndOfRecordingError
 from drivers.frame import Frame
+from service.capture.control import Control
 from service.capture.loop import Grabber
 from service.capture.motion import Operator
 from service.capture.rig import make_rig
@@ -30,7 +31,7 @@ def live(configuration: Configuration, operator: Operator | None = None) -> Iter
     with _ended_by_signals():
         try:
             rig.open()
-            yield Grabber(rig, configuration.camera.timeout, Event())
+            yield Grabber(rig, configuration.camera.timeout, Control())
         finally:
             rig.close()
 

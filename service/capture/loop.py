@@ -1,23 +1,21 @@
-"""Takes bursts: from a turning camera by a plan, or from frames that already say where they belong."""
+"""Takes a burst: from a turning camera by a plan, or from frames that already say where they belong."""
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from threading import Event
-from typing import Generic, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 from drivers.bursts import BurstCutter, ExpectedFrames
 from drivers.errors import (
     DeviceLostError,
     DeviceTimeoutError,
     EndOfRecordingError,
-    MotionStoppedError,
     OperationError,
 )
 from drivers.frame import Frame
 from drivers.position import Position
+from service.capture.control import Control
 from service.capture.rig import Rig
-from service.errors import ServiceError
 from service.messages.burst import Burst
 from service.planning.plan import Plan
 
@@ -27,7 +25,6 @@ _ATTEMPTS = 4
 _STALE = 100
 """Stale frames in a row that cannot be what was still in the camera's buffers."""
 
-T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
 
 _log = logging.getLogger(__name__)
@@ -65,27 +62,26 @@ class Source(Protocol[T_co]):
         """The burst, or the stream's frame, of that number; raises as the devices do."""
 
 
-class StoppedError(ServiceError):
-    """The capture was told to stop in the middle of a burst."""
-
-
 class Grabber:
     """Grabs frames, counts what is missing between them, and shows each one it keeps to a listener."""
 
     def __init__(
-        self, rig: Rig, timeout: float, stop: Event, listener: Callable[[Frame], None] = lambda _: None
+        self, rig: Rig, timeout: float, control: Control, listener: Callable[[Frame], None] = lambda _: None
     ) -> None:
-        self.rig, self.stop = rig, stop
+        self.rig, self.control = rig, control
         self.counts = CaptureCounts()
         self._timeout = timeout
-        rig.stage.interrupted = stop.is_set
+        rig.stage.interrupted = lambda: control.halted
         self._listener = listener
         self._sequence: int | None = None
+        self._held: Frame | None = None
 
     def grab(self) -> Frame:
-        """The next frame; raises as `Camera.grab`, and `StoppedError` once `stop` is set."""
-        if self.stop.is_set():
-            raise StoppedError("the capture was stopped")
+        """The next frame; raises as `Camera.grab`, and `StoppedError` once stopped or cancelled."""
+        self.control.check()
+        if self._held is not None:
+            held, self._held = self._held, None
+            return held
         frame = self.rig.camera.grab(self._timeout)
         if self._sequence is not None:
             # Numbers start again when the camera does, or a recording is played again.
@@ -100,6 +96,22 @@ class Grabber:
                 return self.grab()
             except DeviceTimeoutError:
                 continue
+
+    def grab_fresh(self, still: int) -> Frame:
+        """The next frame whose exposure began at `still` (ns) or later; raises as `grab`."""
+        for _ in range(_STALE):
+            frame = self.grab()
+            if self.rig.camera.exposure_start(frame) >= still:
+                return frame
+            self.counts.stale += 1
+        raise OperationError(
+            f"{_STALE} frames in a row were exposed before the stage stood still; expected their times to "
+            "follow the host's clock: check the camera's timestamps"
+        )
+
+    def put_back(self, frame: Frame) -> None:
+        """Have the next `grab` give this one again: it belongs to the next burst."""
+        self._held = frame
 
     def keep(self, frame: Frame) -> Frame:
         """Count a frame that belongs to a burst, and show it."""
@@ -144,6 +156,7 @@ class ScanBursts:
     def frame(self, number: int | None, pose: int) -> Frame:
         """The frame of a pose, as part of a burst where it has a number; tried again some times."""
         try:
+            self._grabber.control.between_poses()
             self._turn(pose)
             return self._tried(number, pose)
         except OperationError:
@@ -182,22 +195,11 @@ class ScanBursts:
 
     def _attempt(self, number: int | None, pose: int) -> Frame:
         assert self._stand is not None
-        frame = self._fresh(self._stand.still)
+        frame = self._grabber.grab_fresh(self._stand.still)
         position = self._rig.motion.position
         numbers = (None, None) if number is None else (number, pose)
         placed = replace(frame, pan=position.pan, tilt=position.tilt, burst=numbers[0], pose=numbers[1])
         return self._grabber.keep(placed)
-
-    def _fresh(self, still: int) -> Frame:
-        for _ in range(_STALE):
-            frame = self._grabber.grab()
-            if self._rig.camera.exposure_start(frame) >= still:
-                return frame
-            self._grabber.counts.stale += 1
-        raise OperationError(
-            f"{_STALE} frames in a row were exposed before the stage stood still; expected their times to "
-            "follow the host's clock: check the camera's timestamps"
-        )
 
 
 class CarriedBursts:
@@ -215,21 +217,20 @@ class CarriedBursts:
         self._grabber, self._rig = grabber, grabber.rig
         self._length = frames
         self._cutter, self._expected = BurstCutter(frames), ExpectedFrames(frames, planned)
-        self._next: Frame | None = None
 
     def take(self, number: int) -> Burst:
-        first = self._next or self._grab_first()
-        self._next = None
+        first = self._grab_first()
         calibration = self._rig.calibration
         frames = [self._grabber.keep(_numbered(first, number, 0))]
         # A burst that is cut by number is complete without a look at the next frame.
         while first.burst is not None or len(frames) < self._length:
+            self._grabber.control.between_poses()
             try:
                 frame = self._grabber.grab_patiently()
             except EndOfRecordingError:
                 break
             if self._begins(frame):
-                self._next = frame
+                self._grabber.put_back(frame)
                 break
             frames.append(self._grabber.keep(_numbered(frame, number, len(frames))))
         expected = self._expected.of(frames) if first.burst is not None else self._length
@@ -243,55 +244,6 @@ class CarriedBursts:
 
     def _begins(self, frame: Frame) -> bool:
         return self._cutter.begins(frame, frame.shape, self._rig.calibration)
-
-
-class Capture(Generic[T]):
-    """Takes burst after burst, or frame after frame, and survives what happens to the devices.
-
-    Args:
-        grabber: gives frames of the (open) rig.
-        source: takes them.
-        pause: seconds between one and the next.
-        recovering: told why the devices are opened again, and None once they are.
-    """
-
-    def __init__(
-        self,
-        grabber: Grabber,
-        source: Source[T],
-        pause: float = 0.0,
-        recovering: Callable[[str | None], None] = lambda _: None,
-    ) -> None:
-        self.counts = grabber.counts
-        self._grabber, self._rig = grabber, grabber.rig
-        self._source, self._pause, self._recovering = source, pause, recovering
-
-    def run(self) -> Iterator[T]:
-        """All until the grabber is stopped or a recording ends; what is interrupted is taken again.
-
-        Raises:
-            MotionError: the stage must not move any more.
-        """
-        number, stop = 0, self._grabber.stop
-        while not stop.is_set():
-            try:
-                taken = self._source.take(number)
-            except (EndOfRecordingError, StoppedError, MotionStoppedError):
-                return
-            except OperationError as error:
-                self.counts.lost += 1
-                self.counts.interrupted += 1
-                self.counts.error = str(error)
-                _log.error("number %d interrupted: %s; opening the devices again", number, error)
-                self._recovering(str(error))
-                if not self._rig.reopen(stop.is_set):
-                    return
-                self._recovering(None)
-                self._grabber.restart()
-                continue
-            number += 1
-            yield taken
-            self._rig.wait(self._pause, stop.is_set)
 
 
 def _numbered(frame: Frame, burst: int, pose: int) -> Frame:

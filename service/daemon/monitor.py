@@ -58,6 +58,7 @@ class Monitor:
             version=software_version(),
             state=states.state,
             reason=states.reason,
+            paused=daemon.control.paused,
             seconds=states.seconds,
             degraded=states.degraded,
             source=self._camera.source,
@@ -75,8 +76,8 @@ class Monitor:
                 camera=self._capture.dropped,
                 stale=self._capture.stale,
                 faults=self._capture.faults,
-                bursts=self._capture.interrupted + daemon.backlog.dropped,
-                skipped=daemon.backlog.skipped,
+                bursts=self._capture.interrupted + daemon.fusing.backlog.dropped,
+                skipped=daemon.fusing.backlog.skipped,
                 fusions=ledger.failed,
                 published=lost.get("publisher", 0),
                 recorded=lost.get("recorder", 0),
@@ -85,6 +86,7 @@ class Monitor:
             latency=ledger.latency,
             recorder=recorder.state if isinstance(recorder, Recorder) else None,
             sinks=sinks,
+            commands=daemon.command_counts(),
             error=self._capture.error or fusion.error,
         )
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from service.capture.rig import Rig
 from service.config.sections import Configuration
+from service.daemon.commanded import commanded
 from service.daemon.daemon import Daemon
 from service.files import made_directory
 from service.fusion.local import LocalExecutor
@@ -74,6 +75,7 @@ def run_service(
             bus.add("recorder", lambda: recorder_of(configuration), must_open=False)
         for name, make in (*_outputs(configuration, output, once).items(), *makers.items()):
             bus.add(name, make)
+        stack.enter_context(commanded(daemon, session))
         started(daemon)
         daemon.run()
         publisher = bus.sink("publisher")
@@ -106,6 +108,7 @@ def _summary(
     daemon: Daemon, bus: Bus, summaries: deque[BurstSummary], published: int, seconds: float
 ) -> RunSummary:
     known, counts = daemon.camera, daemon.grabber.counts
+    assert known is not None
     return RunSummary(
         source=known.source,
         model=known.model,
@@ -126,8 +129,10 @@ def _lost(daemon: Daemon, bus: Bus) -> list[str]:
     recording = daemon.recording
     said = [f"{recording.path}: {recording.damage}"] if recording is not None and recording.damage else []
     said += daemon.ledger.failures
-    if daemon.backlog.dropped:
-        said.append(f"{daemon.backlog.dropped} bursts not fused: the fusion was slower than the capture")
-    if daemon.grabber.counts.dropped and not daemon.camera.carries_pose:
+    if daemon.fusing.backlog.dropped:
+        said.append(
+            f"{daemon.fusing.backlog.dropped} bursts not fused: the fusion was slower than the capture"
+        )
+    if daemon.grabber.counts.dropped and not (daemon.camera and daemon.camera.carries_pose):
         said.append(f"{daemon.grabber.counts.dropped} frames dropped by the camera")
     return said + bus.losses

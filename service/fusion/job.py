@@ -12,10 +12,11 @@ from service.messages.map import FusedMap
 
 @dataclass(frozen=True, slots=True)
 class BurstJob:
-    """Fuse a burst."""
+    """Fuse a burst; one whose map somebody waits for is never dropped."""
 
     burst: Burst
     settings: FusionSection
+    awaited: bool = False
 
     @property
     def number(self) -> int:

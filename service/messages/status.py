@@ -87,6 +87,13 @@ class SinkState(_Part):
     error: str | None = Field(None, description="Why it does not run, or its last fault; none = none.")
 
 
+class CommandCounts(_Part):
+    """What was asked of the service."""
+
+    accepted: int = Field(0, ge=0, description="Commands carried out.")
+    refused: dict[str, int] = Field({}, description="Commands refused, by code.")
+
+
 class Status(_Part):
     """How the service is doing; once a second."""
 
@@ -94,7 +101,8 @@ class Status(_Part):
     version: str = Field("unknown", description="Version of the software.")
     state: State | str = Field("unknown", description="What it is doing.")
     reason: str = Field("", description="Why it is in that state.")
-    seconds: float = Field(0.0, ge=0, description="For how long it has been.")
+    paused: bool = Field(False, description="Whether it stands still between two poses.")
+    seconds: float = Field(0.0, ge=0, description="For how long it has been in that state.")
     degraded: tuple[Degraded, ...] = Field((), description="What does not work meanwhile.")
     source: Source | str | None = Field(
         None, description="Where frames come from; none while there is no camera."
@@ -111,6 +119,7 @@ class Status(_Part):
     )
     recorder: RecorderState | None = Field(None, description="What is recorded; none = no recorder.")
     sinks: tuple[SinkState, ...] = Field((), description="Who takes the events, and how that goes.")
+    commands: CommandCounts = CommandCounts()
     error: str | None = Field(
         None, description="The last error of capture or fusion; none = all well so far."
     )

@@ -1,5 +1,6 @@
 """Recording what is published, byte for byte."""
 
+import json
 import shutil
 import time
 from collections.abc import Callable
@@ -8,7 +9,15 @@ from typing import Protocol
 
 from drivers.recording import RecordingHead
 from service.messages.encoding import event_messages
-from service.messages.events import BurstCaptured, DevicesOpened, Event, FrameCaptured, MapFused
+from service.messages.events import (
+    BurstCaptured,
+    Commanded,
+    DevicesOpened,
+    Event,
+    FrameCaptured,
+    HeadChanged,
+    MapFused,
+)
 from service.messages.status import RecorderState
 from service.messages.topics import TOPICS
 from service.sinks.recording_file import RecordingFile, Unit
@@ -56,8 +65,10 @@ class Recorder(Sink):
         self._destination.prepare()
 
     def take(self, event: Event) -> None:
-        if isinstance(event, DevicesOpened):
+        if isinstance(event, (DevicesOpened, HeadChanged)):
             self._head = event.head
+        if isinstance(event, Commanded) and self._file is not None:
+            self._file.note("command", _told(event))
         if self._head is None or (isinstance(event, MapFused) and not self._maps):
             return
         messages = tuple(m for m in event_messages(event) if TOPICS[m.topic].recorded)
@@ -107,6 +118,15 @@ class Recorder(Sink):
         if begins_burst and self._destination.is_full(size, age):
             return True
         return self._destination.is_full(size / _OVERDUE, age / _OVERDUE)
+
+
+def _told(event: Commanded) -> dict[str, str]:
+    return {
+        "who": event.who,
+        "when": str(event.timestamp),
+        "command": event.command,
+        "arguments": json.dumps(event.arguments),
+    }
 
 
 def _free(directory: Path) -> int | None:

@@ -17,8 +17,10 @@ from drivers import (
     RecordingError,
 )
 from drivers.clock import VirtualClock
-from service.capture.loop import Capture, CarriedBursts, Grabber, ScanBursts
+from service.capture.control import Control
+from service.capture.loop import CarriedBursts, Grabber, ScanBursts
 from service.capture.rig import Rig
+from service.capture.series import Capture
 from service.config.sections import PlanSection
 from service.errors import MotionError
 from service.messages.burst import Burst
@@ -38,7 +40,7 @@ class Scene:
         self.rig.open()
         self.stop = Event()
         self.shown: list[Frame] = []
-        self.grabber = Grabber(self.rig, 2.0, self.stop, self.shown.append)
+        self.grabber = Grabber(self.rig, 2.0, Control(self.stop), self.shown.append)
         if carried is None:
             self.plan = make_plan(PlanSection(), frames, self.rig.calibration.intrinsics)
             bursts = ScanBursts(self.grabber, self.plan, SETTLE, 10.0)

@@ -18,6 +18,7 @@ from service.capture.rig import Rig
 from service.config.file import load
 from service.config.sections import Configuration
 from service.daemon.daemon import Daemon
+from service.daemon.modes import Scanning
 from service.daemon.run import run_service
 from service.daemon.systemd import WATCHDOG
 from service.errors import ConfigurationError, MotionError, PlanError, ServiceError, SessionError
@@ -243,10 +244,10 @@ def test_an_idle_service_captures_nothing_until_it_is_asked(configure) -> None:
                 states.append(event.state)
                 if event.state == "idle" and not seen:
                     assert self.daemon.grabber.counts.frames == 0
-                    self.daemon.request("scan")
+                    self.daemon.begin(Scanning(self.daemon))
             elif isinstance(event, MapFused):
                 seen.append(event)
-                self.daemon.request("idle")
+                self.daemon.rest()
                 if len(states) > 3:
                     self.daemon.stop.set()
             if states[-1:] == ["idle"] and seen:
