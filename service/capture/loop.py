@@ -42,7 +42,7 @@ class CaptureCounts:
         lost: times that a device was lost.
         interrupted: bursts given up and taken again.
         bursts: finished bursts.
-        error: the last fault, in words; empty = none.
+        error: the last fault, in words; empty = none, or frames have come since.
     """
 
     frames: int = 0
@@ -116,6 +116,7 @@ class Grabber:
     def keep(self, frame: Frame) -> Frame:
         """Count a frame that belongs to a burst, and show it."""
         self.counts.frames += 1
+        self.counts.error = ""  # whatever it was, frames come again
         self._listener(frame)
         return frame
 
