@@ -186,7 +186,7 @@ def test_what_a_newer_service_adds_is_passed_over_and_what_an_older_one_lacks_ha
 @pytest.mark.parametrize("model", [Status, BurstReport, RecorderState])
 def test_published_schemas_allow_for_more_fields(model: type) -> None:
     said = json.dumps(model.model_json_schema(mode="serialization"))  # type: ignore[attr-defined]
-    assert "additionalProperties" not in said.replace('"additionalProperties": {"type": "string"}', "")
+    assert '"additionalProperties": false' not in said
 
 
 @contextmanager
