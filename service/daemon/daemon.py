@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
 from threading import Event as Flag
-from typing import Literal
 
 from pydantic import BaseModel
 
@@ -39,8 +38,6 @@ _LAST_JOBS = 2.0
 """Seconds that the jobs in work get when the service is told to stop: it shall end within five."""
 
 _log = logging.getLogger(__name__)
-
-ModeName = Literal["idle", "scan", "stream"]
 
 
 class Daemon:
@@ -166,7 +163,7 @@ class Daemon:
             self.recording = recording_of(self.rig.camera)
             self._find_truth()
             monitor = Monitor(self.rig, self.grabber.counts, self, self.fusing.executor, self.bus)
-            mode = self._made(self.configuration.start)
+            mode = self._first_mode()
             # Neither status nor log may come once the sinks are closed.
             with logged_events(self.emit), Heartbeat(monitor.beat):
                 self._announce()
@@ -215,10 +212,12 @@ class Daemon:
         self.states.degrade("stage", str(error), "look at the stage, then start again")
         return Idle(self, str(error))
 
-    def _made(self, name: ModeName) -> Mode:
-        if name == "idle":
+    def _first_mode(self) -> Mode:
+        first = self.configuration.start
+        if first == "idle":
             return Idle(self)
-        return Streaming(self) if name == "stream" else Scanning(self)
+        resumes = self.configuration.recording.enabled and not self.once
+        return Streaming(self) if first == "stream" else Scanning(self, resumes=resumes)
 
     def _refuse_all(self) -> None:
         """Nobody serves any more: say so to all who wait, and to all who come."""

@@ -18,7 +18,7 @@ _log = logging.getLogger(__name__)
 
 
 class Fusing:
-    """An executor with its backlog.
+    """An executor and what waits for it.
 
     Args:
         executor: fuses; whoever made it closes it, but nothing comes from it after `close`.
@@ -52,7 +52,7 @@ class Fusing:
             self.backlog.clear()
 
     def close(self) -> None:
-        """End the process that fuses, whatever it does."""
+        """End the process that fuses, whatever it does: nothing comes from it any more."""
         self.executor.close()
 
     def next_stream(self) -> int:
