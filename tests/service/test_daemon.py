@@ -136,7 +136,8 @@ def test_after_a_failed_movement_it_stands_still_says_why_and_stays_alive(config
     sink = Watches()
     run_service(configure(), stuck, sinks={"test": lambda: sink}, started=sink.started)
     assert statuses[0].reason == "ran into its limit; it stands still until started again"
-    assert statuses[0].degraded[0].what == statuses[0].error == statuses[0].reason
+    assert statuses[0].error is not None
+    assert statuses[0].degraded[0].what == statuses[0].error.what == statuses[0].reason
     assert fed.count(WATCHDOG) >= 2, "killed and started again it would move by itself"
     assert len(stuck.stage.moves) == 10
 
