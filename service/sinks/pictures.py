@@ -43,6 +43,8 @@ class Pictures(Sink):
     droppable = (MapFused,)
     room = Room(_PENDING, 1 << 40)
     """Maps of 7 MB each; live, the newest are drawn."""
+    slowest = 1.5 * _TIMEOUT
+    """The process that draws gives way to all others, and is itself given up after its own time."""
 
     def __init__(self, directory: Path, *, keep: int | None = None) -> None:
         super().__init__()

@@ -22,7 +22,7 @@ _HANG, _TIMES_USUAL = 10.0, 10.0
 """A sink hangs that works on one event for that many seconds and that many times as long as ever before."""
 
 _ABANDONED = 3
-"""Hanging threads that are given up before the sink is."""
+"""Threads that hang at one time before the sink is given up; one that came back after all costs nothing."""
 
 _FIRST_WAIT, _LONGEST_WAIT = 0.5, 30.0
 """Seconds before the first restart, and at most between later ones."""
@@ -73,7 +73,8 @@ class SinkRunner:
         self._wants: tuple[type[Event], ...] = (Event,)
         self._state: Literal["running", "restarting", "failed", "ended"] = "running"
         self._taken = self._dropped = self._faults = self._abandoned = self._told = 0
-        self._longest = 0.0
+        self._longest = self._slowest = 0.0
+        self._hanging: list[Thread] = []
         self._error: str | None = None
         self._files: list[str] = []
         self._losses: list[str] = []
@@ -84,7 +85,7 @@ class SinkRunner:
     def start(self, *, must_open: bool) -> None:
         """Begin; where it `must_open` it is opened here, and what that raises is raised."""
         sink = self._make()
-        self._wants = sink.wants
+        self._wants, self._slowest = sink.wants, sink.slowest
         self._queue: BoundedQueue[Event] = BoundedQueue(
             sink.room.events,
             sink.room.size,
@@ -111,11 +112,11 @@ class SinkRunner:
     def watch(self) -> None:
         """Give up a thread that hangs, and begin another; to be called now and then."""
         attempt, now = self._attempt, time.monotonic()
-        limit = max(self._patience.hang, _TIMES_USUAL * self._longest)
+        limit = max(self._patience.hang, self._slowest, _TIMES_USUAL * self._longest)
         if attempt.began is not None and now - attempt.began > limit and self._state != "failed":
             self._abandon(f"it hung for {now - attempt.began:.0f} s")
-            if self._abandoned >= _ABANDONED:
-                self._give_up(f"it hung {self._abandoned} times")
+            if len(self._hanging) >= _ABANDONED:
+                self._give_up(f"{len(self._hanging)} of its threads hang")
             else:
                 self._begin(None)
         if self._dropped > self._told:
@@ -275,6 +276,7 @@ class SinkRunner:
         if sink is not None:
             sink.abandoned.set()
             self._keep(sink)
+        self._hanging = [thread for thread in (*self._hanging, self._thread) if thread.is_alive()]
         self._abandoned += 1
         self._faults += 1
         self._dropped += 1

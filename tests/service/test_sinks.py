@@ -154,9 +154,37 @@ def test_one_that_hangs_again_and_again_is_given_up_for_good(bench: Bench) -> No
     emitted(bench, 5)
     bench.until(lambda: bench.state("faulty").state == "failed")
     assert bench.state("faulty").abandoned == 3
-    assert bench.state("faulty").error == "it hung 3 times"
+    assert bench.state("faulty").error == "3 of its threads hang"
     emitted(bench, 1)
     assert bench.state("faulty").dropped == 6
+
+
+def test_one_that_hangs_for_a_while_now_and_then_is_never_given_up_for_good(bench: Bench) -> None:
+    class HangsForAWhile(Keeps):
+        def take(self, event: Event) -> None:
+            self.abandoned.wait(30)
+            super().take(event)
+
+    bench.add("faulty", HangsForAWhile)
+    for count in range(1, 6):
+        emitted(bench, 1)
+        bench.until(lambda count=count: bench.state("faulty").abandoned == count)
+        bench.until(lambda count=count: len(bench.kept["faulty"]) == count)
+        assert bench.state("faulty").state != "failed"
+
+
+def test_one_that_waits_with_a_limit_of_its_own_hangs_later(bench: Bench) -> None:
+    class TakesItsTime(Keeps):
+        slowest = 30.0
+
+        def take(self, event: Event) -> None:
+            Hangs.let_go.wait(2.5 * QUICK.hang)
+            super().take(event)
+
+    bench.add("patient", TakesItsTime)
+    emitted(bench, 1)
+    bench.until(lambda: bench.state("patient").taken == 1)
+    assert bench.state("patient").abandoned == 0
 
 
 def test_live_a_slow_one_loses_and_counts_and_nobody_waits(bench: Bench) -> None:
