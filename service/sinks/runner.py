@@ -9,7 +9,8 @@ from threading import Event as Flag
 from threading import Lock, Thread
 from typing import Literal
 
-from service.errors import EncodingError
+from drivers.errors import DriverError
+from service.errors import EncodingError, ServiceError, SinkError
 from service.messages.events import Event, Logged
 from service.messages.status import SinkState
 from service.sinks.queue import BoundedQueue
@@ -83,8 +84,19 @@ class SinkRunner:
         self._lock = Lock()
 
     def start(self, *, must_open: bool) -> None:
-        """Begin; where it `must_open` it is opened here, and what that raises is raised."""
-        sink = self._make()
+        """Begin; where it `must_open` it is opened here.
+
+        Raises:
+            ServiceError, DriverError, OSError: as making and opening it; anything else as `SinkError`.
+        """
+        try:
+            sink = self._make()
+            if must_open:
+                sink.open()
+        except (ServiceError, DriverError, OSError):
+            raise
+        except Exception as error:  # a class of somebody else's
+            raise SinkError(f"sink {self.name!r} cannot begin: {type(error).__name__}: {error}") from error
         self._wants, self._slowest = sink.wants, sink.slowest
         self._queue: BoundedQueue[Event] = BoundedQueue(
             sink.room.events,
@@ -92,8 +104,6 @@ class SinkRunner:
             dropped=self._drop,
             droppable=lambda event: isinstance(event, sink.droppable),
         )
-        if must_open:
-            sink.open()
         self._begin(sink if must_open else None)
 
     def put(self, event: Event) -> None:

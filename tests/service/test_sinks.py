@@ -267,6 +267,17 @@ def test_sinks_come_and_go_while_it_runs(bench: Bench) -> None:
         bench.bus.remove("one")
 
 
+@pytest.mark.parametrize("broken", ["__init__", "open"])
+def test_what_somebody_elses_sink_raises_at_its_beginning_names_the_sink(bench: Bench, broken: str) -> None:
+    def fail(*_: object) -> None:
+        raise AttributeError("no such thing")
+
+    kind = type("Broken", (Keeps,), {broken: fail})
+    with pytest.raises(SinkError, match=r"sink 'broken' cannot begin: AttributeError: no such thing"):
+        bench.add("broken", kind)
+    assert bench.bus.states == ()
+
+
 def test_what_opening_raises_is_raised_and_nothing_is_half_started(bench: Bench) -> None:
     class Refuses(Keeps):
         def open(self) -> None:
