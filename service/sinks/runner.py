@@ -148,12 +148,13 @@ class SinkRunner:
     def close(self, timeout: float, *, discard: bool = False) -> None:
         """End it, and give it up where that takes longer than `timeout` seconds."""
         self.end(discard=discard)
-        self._thread.join(timeout)
-        if self._thread.is_alive():
-            self._abandon(f"it did not finish within {timeout:.0f} s")
-            self._queue.clear()
-        if self._state != "failed":
-            self._state = "ended"
+        failed = self._state == "failed"
+        if not self._attempt.abandoned:
+            self._thread.join(min(timeout, self._patience.held) if failed else timeout)
+            if self._thread.is_alive():
+                self._abandon(f"it did not finish within {timeout:.0f} s")
+                self._queue.clear()
+        self._state = "failed" if failed else "ended"
 
     @property
     def sink(self) -> Sink | None:

@@ -157,6 +157,10 @@ def test_one_that_hangs_again_and_again_is_given_up_for_good(bench: Bench) -> No
     assert bench.state("faulty").error == "3 of its threads hang"
     emitted(bench, 1)
     assert bench.state("faulty").dropped == 6
+    began = time.monotonic()
+    bench.bus.close(25)
+    assert time.monotonic() - began < 10, "nobody waits for what was given up"
+    assert (bench.state("faulty").state, bench.state("faulty").abandoned) == ("failed", 3)
 
 
 def test_one_that_hangs_for_a_while_now_and_then_is_never_given_up_for_good(bench: Bench) -> None:
