@@ -13,6 +13,7 @@ from drivers.errors import DriverError
 from service.errors import EncodingError, ServiceError, SinkError
 from service.messages.events import Event, Logged
 from service.messages.status import SinkState
+from service.sinks.attempt import Attempt
 from service.sinks.queue import BoundedQueue
 from service.sinks.sink import Sink
 
@@ -38,15 +39,6 @@ class Patience:
     held: float = _PATIENCE
     hang: float = _HANG
     restart: float = _FIRST_WAIT
-
-
-class _Attempt:
-    """One thread with one sink after the other, until it hangs."""
-
-    def __init__(self) -> None:
-        self.sink: Sink | None = None
-        self.began: float | None = None
-        self.abandoned = False
 
 
 class SinkRunner:
@@ -192,12 +184,11 @@ class SinkRunner:
         return said
 
     def _begin(self, sink: Sink | None) -> None:
-        self._attempt = _Attempt()
-        self._attempt.sink = sink
+        self._attempt = Attempt(sink)
         self._thread = Thread(target=self._run, args=(self._attempt,), name=self.name, daemon=True)
         self._thread.start()
 
-    def _run(self, attempt: _Attempt) -> None:
+    def _run(self, attempt: Attempt) -> None:
         wait = self._patience.restart
         while not attempt.abandoned:
             taken = self._taken
@@ -215,9 +206,9 @@ class SinkRunner:
                 return
             wait = min(2 * wait, _LONGEST_WAIT)
 
-    def _serve(self, attempt: _Attempt) -> None:
+    def _serve(self, attempt: Attempt) -> None:
         """Open a sink where there is none, give it the events until the queue ends, close it."""
-        with _timed(attempt):
+        with attempt.at_work():
             if attempt.sink is None:
                 attempt.sink = self._make()
                 attempt.sink.open()
@@ -234,10 +225,10 @@ class SinkRunner:
         if not attempt.abandoned:
             sink.discard() if self._discarding else sink.close()
 
-    def _take(self, attempt: _Attempt, sink: Sink, event: Event) -> None:
+    def _take(self, attempt: Attempt, sink: Sink, event: Event) -> None:
         began = time.monotonic()
         try:
-            with _timed(attempt):
+            with attempt.at_work():
                 sink.take(event)
         except EncodingError as error:
             # Not the sink's fault: it goes on with the next event.
@@ -251,7 +242,7 @@ class SinkRunner:
             self._taken += 1
             self._longest = max(self._longest, time.monotonic() - began)
 
-    def _lose(self, attempt: _Attempt, error: Exception, event: Event) -> None:
+    def _lose(self, attempt: Attempt, error: Exception, event: Event) -> None:
         if attempt.abandoned:
             return
         self._faults += 1
@@ -266,12 +257,12 @@ class SinkRunner:
         self._state = "restarting"
         _log.error("sink %s failed: %s; starting it again in %.1f s", self.name, self._error, wait)
 
-    def _retire(self, attempt: _Attempt) -> None:
+    def _retire(self, attempt: Attempt) -> None:
         """Close a sink that failed; what it has written so far is kept."""
         sink, attempt.sink = attempt.sink, None
         if sink is None:
             return
-        with suppress(Exception), _timed(attempt):
+        with suppress(Exception), attempt.at_work():
             sink.discard() if self._discarding else sink.close()
         self._keep(sink)
 
@@ -304,16 +295,3 @@ class SinkRunner:
     def _drop(self, event: Event) -> None:  # noqa: ARG002
         with self._lock:
             self._dropped += 1
-
-
-class _timed:  # noqa: N801 — a context manager, read as a phrase
-    """Notes since when the thread is in the hands of its sink."""
-
-    def __init__(self, attempt: _Attempt) -> None:
-        self._attempt = attempt
-
-    def __enter__(self) -> None:
-        self._attempt.began = time.monotonic()
-
-    def __exit__(self, *_: object) -> None:
-        self._attempt.began = None
