@@ -43,6 +43,7 @@ class Pictures(Sink):
     droppable = (MapFused,)
     room = Room(_PENDING, 1 << 40)
     """Maps of 7 MB each; live, the newest are drawn."""
+    newest_suffice = True
     slowest = 1.5 * _TIMEOUT
     """The process that draws gives way to all others, and is itself given up after its own time."""
 

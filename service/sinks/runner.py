@@ -71,7 +71,7 @@ class SinkRunner:
         self._error: str | None = None
         self._files: list[str] = []
         self._losses: list[str] = []
-        self._discarding = False
+        self._discarding = self._may_skip = False
         self._over = Flag()
         self._lock = Lock()
 
@@ -90,6 +90,7 @@ class SinkRunner:
         except Exception as error:  # a class of somebody else's
             raise SinkError(f"sink {self.name!r} cannot begin: {type(error).__name__}: {error}") from error
         self._wants, self._slowest = sink.wants, sink.slowest
+        self._may_skip = sink.newest_suffice and not self._lossless
         self._queue: BoundedQueue[Event] = BoundedQueue(
             sink.room.events,
             sink.room.size,
@@ -121,7 +122,7 @@ class SinkRunner:
                 self._give_up(f"{len(self._hanging)} of its threads hang")
             else:
                 self._begin(None)
-        if self._dropped > self._told:
+        if self._dropped > self._told and not self._may_skip:
             _log.warning("sink %s: %d events lost so far", self.name, self._dropped)
             self._told = self._dropped
 
@@ -178,7 +179,8 @@ class SinkRunner:
         """What was lost to it, in words; complete once it is closed."""
         sink = self.sink
         said = self._losses + list(sink.losses if sink is not None else ())
-        if self._dropped or self._state == "failed":
+        skipped_only = self._may_skip and not self._faults
+        if (self._dropped and not skipped_only) or self._state == "failed":
             why = f" ({self._error})" if self._error else ""
             said.append(f"{self.name}: {self._dropped} events lost{why}")
         return said

@@ -203,6 +203,27 @@ def test_live_a_slow_one_loses_and_counts_and_nobody_waits(bench: Bench) -> None
     assert state.dropped > 100
 
 
+@pytest.mark.parametrize("lossless", [False, True])
+def test_live_one_that_the_newest_suffice_counts_the_others_as_no_loss(
+    lossless: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    class Newest(Slow):
+        newest_suffice = True
+
+        def take(self, event: Event) -> None:
+            self.abandoned.wait(QUICK.held * 2 if lossless else 0.05)
+            super().take(event)
+
+    bench = Bench(lossless=lossless)
+    bench.add("newest", Newest)
+    emitted(bench, 20)
+    bench.bus.watch()
+    bench.bus.close(20)
+    assert bench.state("newest").dropped > 0
+    assert bool(bench.bus.losses) == lossless
+    assert ("events lost" in caplog.text) == lossless
+
+
 def test_lossless_a_slow_one_is_waited_for() -> None:
     bench = Bench(lossless=True)
     bench.add("slow", Slow)
