@@ -15,7 +15,9 @@ from service.messages.map import FusedMap
 from service.processes.worker import Worker
 from service.sinks.sink import Room, Sink
 
-_NICENESS = 15
+_NICENESS, _NICENESS_LOSSLESS = 15, 5
+"""Added to the priority's number: live nothing waits for a picture; a lossless run does, as for its maps."""
+
 _TIMEOUT = 60.0
 """Seconds for one picture; it takes a fraction of one, the first of a process some seconds."""
 
@@ -37,6 +39,7 @@ class Pictures(Sink):
     Args:
         directory: made if need be.
         keep: pictures kept; the oldest of this run goes. None = all.
+        lossless: the run waits for them.
     """
 
     wants = (MapFused,)
@@ -47,14 +50,14 @@ class Pictures(Sink):
     slowest = 1.5 * _TIMEOUT
     """The process that draws gives way to all others, and is itself given up after its own time."""
 
-    def __init__(self, directory: Path, *, keep: int | None = None) -> None:
+    def __init__(self, directory: Path, *, keep: int | None = None, lossless: bool = False) -> None:
         super().__init__()
         self._directory, self._keep = directory, keep
         self._written: deque[Path] = deque()
         self._worker = Worker(
             "process that draws",
             "service.sinks.pictures:drawing",
-            niceness=_NICENESS,
+            niceness=_NICENESS_LOSSLESS if lossless else _NICENESS,
             threads=1,
             cancelled=self.abandoned.is_set,
         )
@@ -88,6 +91,8 @@ class Pictures(Sink):
 
 def drawing() -> Callable[[Drawing], str | None]:
     """What draws each request; it answers what went wrong, or None."""
+    import matplotlib.backends.backend_agg  # noqa: F401 — takes seconds: before the first map comes
+
     from service.sinks.drawing import Picture
 
     pictures: dict[tuple[object, ...], Picture] = {}
