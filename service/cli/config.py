@@ -19,7 +19,7 @@ def check(
         bool, typer.Option("--json", help="Print the configuration in force as JSON.")
     ] = False,
 ) -> None:
-    """Check a configuration: file, environment, and the options of the camera and stage it names.
+    """Check a configuration: file, environment, and the options of camera, stage and sinks that it names.
 
     Opens no device. Prints the configuration in force, as TOML.
 
@@ -35,9 +35,11 @@ def check(
 
     from service.capture.rig import check_options
     from service.config.file import load
+    from service.sinks.configured import configured_sinks
 
     found = load(file)
     check_options(found)
+    configured_sinks(found.sinks)
     if as_json:
         print(found.model_dump_json(indent=2))
     else:

@@ -66,7 +66,8 @@ def _lines(summary: "RecordingSummary") -> Iterator[tuple[str, str]]:
 
 def _frame_lines(frames: "FramesSummary") -> Iterator[tuple[str, str]]:
     rate = "" if frames.rate is None else f", {frames.rate:.2f} Hz"
-    drops = "none dropped" if frames.drops == 0 else f"{frames.drops} dropped by the camera"
+    # The numbers alone do not tell a frame that was lost from one that was exposed while the stage moved.
+    drops = f"{frames.drops} numbers left out (dropped, or not kept)" if frames.drops else "none dropped"
     yield (
         "frames",
         f"{frames.count} of {frames.shape[1]} × {frames.shape[0]} pixels{rate}, "

@@ -37,14 +37,17 @@ def status(
 def _lines(told: "Status") -> Iterator[tuple[str, str]]:
     serial = f", serial {told.serial}" if told.serial else ""
     paused = ", paused" if told.paused else ""
-    yield "state", f"{told.state}{paused} for {told.seconds:.0f} s: {told.reason}"
+    why = f": {told.reason}" if told.reason else ""
+    yield "state", f"{told.state}{paused} for {told.seconds:.0f} s{why}"
     yield "service", f"lidarboost {told.version}, up {told.uptime:.0f} s"
     yield "source", f"{told.source}: {told.model}{serial}" if told.source else "no camera"
     yield "frames", f"{told.totals.frames}, {told.rates.frames:.1f} per second"
     latency = "" if told.latency is None else f", {told.latency:.2f} s after the last frame"
+    # A stream has none: its maps are of frames.
+    bursts = f" of {told.totals.bursts} bursts" if told.totals.bursts else ""
     yield (
         "maps",
-        f"{told.totals.fused} of {told.totals.bursts} bursts, {told.rates.fused:.2f} per second{latency}, "
+        f"{told.totals.fused}{bursts}, {told.rates.fused:.2f} per second{latency}, "
         f"{told.fusion.backlog} waiting",
     )
     if told.totals.unconverged or told.fusion.restarts:

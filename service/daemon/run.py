@@ -100,7 +100,8 @@ def _outputs(configuration: Configuration, output: Path | None, once: bool) -> d
         "fused file": lambda: Recorder(FileSeries(output / FUSED_FILE, section.rotate_size, budget))
     }
     if section.preview:
-        made["pictures"] = lambda: Pictures(output, keep=None if once else section.pictures, lossless=once)
+        keep = None if once else section.pictures
+        made["pictures"] = lambda: Pictures(output, keep=keep, lossless=once)
     return made
 
 

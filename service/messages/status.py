@@ -34,7 +34,7 @@ class Drops(_Part):
     )
     fusions: int = Field(0, ge=0, description="Bursts, or frames of a stream, whose fusion failed.")
     published: int = Field(0, ge=0, description="Events that the publisher had no room for.")
-    recorded: int = Field(0, ge=0, description="Messages that the recorder could not write.")
+    recorded: int = Field(0, ge=0, description="Events that the recorder could not write.")
 
 
 class Totals(_Part):

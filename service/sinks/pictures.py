@@ -15,8 +15,8 @@ from service.messages.map import FusedMap
 from service.processes.worker import Worker
 from service.sinks.sink import Room, Sink
 
-_NICENESS, _BESIDE_FUSION = 15, 5
-"""Live, and in a lossless run, in which it is waited for."""
+_NICENESS, _NICENESS_LOSSLESS = 15, 5
+"""Added to the priority's number: live nothing waits for a picture; a lossless run does, as for its maps."""
 
 _TIMEOUT = 60.0
 """Seconds for one picture; it takes a fraction of one, the first of a process some seconds."""
@@ -39,13 +39,16 @@ class Pictures(Sink):
     Args:
         directory: made if need be.
         keep: pictures kept; the oldest of this run goes. None = all.
-        lossless: whether it is waited for.
+        lossless: the run waits for them.
     """
 
     wants = (MapFused,)
     droppable = (MapFused,)
     room = Room(_PENDING, 1 << 40)
     """Maps of 7 MB each; live, the newest are drawn."""
+    newest_suffice = True
+    slowest = 1.5 * _TIMEOUT
+    """The process that draws gives way to all others, and is itself given up after its own time."""
 
     def __init__(self, directory: Path, *, keep: int | None = None, lossless: bool = False) -> None:
         super().__init__()
@@ -54,7 +57,7 @@ class Pictures(Sink):
         self._worker = Worker(
             "process that draws",
             "service.sinks.pictures:drawing",
-            niceness=_BESIDE_FUSION if lossless else _NICENESS,
+            niceness=_NICENESS_LOSSLESS if lossless else _NICENESS,
             threads=1,
             cancelled=self.abandoned.is_set,
         )
@@ -91,6 +94,8 @@ class Pictures(Sink):
 
 def drawing() -> Callable[[Drawing], str | None]:
     """What draws each request; it answers what went wrong, or None."""
+    import matplotlib.backends.backend_agg  # noqa: F401 — takes seconds: before the first map comes
+
     from service.sinks.drawing import Picture
 
     pictures: dict[tuple[object, ...], Picture] = {}

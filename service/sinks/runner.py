@@ -9,9 +9,11 @@ from threading import Event as Flag
 from threading import Lock, Thread
 from typing import Literal
 
-from service.errors import EncodingError
+from drivers.errors import DriverError
+from service.errors import EncodingError, ServiceError, SinkError
 from service.messages.events import Event, Logged
 from service.messages.status import SinkState
+from service.sinks.attempt import Attempt
 from service.sinks.queue import BoundedQueue
 from service.sinks.sink import Sink
 
@@ -22,7 +24,7 @@ _HANG, _TIMES_USUAL = 10.0, 10.0
 """A sink hangs that works on one event for that many seconds and that many times as long as ever before."""
 
 _ABANDONED = 3
-"""Hanging threads that are given up before the sink is."""
+"""Threads that hang at one time before the sink is given up; one that came back after all costs nothing."""
 
 _FIRST_WAIT, _LONGEST_WAIT = 0.5, 30.0
 """Seconds before the first restart, and at most between later ones."""
@@ -37,15 +39,6 @@ class Patience:
     held: float = _PATIENCE
     hang: float = _HANG
     restart: float = _FIRST_WAIT
-
-
-class _Attempt:
-    """One thread with one sink after the other, until it hangs."""
-
-    def __init__(self) -> None:
-        self.sink: Sink | None = None
-        self.began: float | None = None
-        self.abandoned = False
 
 
 class SinkRunner:
@@ -73,26 +66,37 @@ class SinkRunner:
         self._wants: tuple[type[Event], ...] = (Event,)
         self._state: Literal["running", "restarting", "failed", "ended"] = "running"
         self._taken = self._dropped = self._faults = self._abandoned = self._told = 0
-        self._longest = 0.0
+        self._longest = self._slowest = 0.0
+        self._hanging: list[Thread] = []
         self._error: str | None = None
         self._files: list[str] = []
         self._losses: list[str] = []
-        self._discarding = False
+        self._discarding = self._may_skip = False
         self._over = Flag()
         self._lock = Lock()
 
     def start(self, *, must_open: bool) -> None:
-        """Begin; where it `must_open` it is opened here, and what that raises is raised."""
-        sink = self._make()
-        self._wants = sink.wants
+        """Begin; where it `must_open` it is opened here.
+
+        Raises:
+            ServiceError, DriverError, OSError: as making and opening it; anything else as `SinkError`.
+        """
+        try:
+            sink = self._make()
+            if must_open:
+                sink.open()
+        except (ServiceError, DriverError, OSError):
+            raise
+        except Exception as error:  # a class of somebody else's
+            raise SinkError(f"sink {self.name!r} cannot begin: {type(error).__name__}: {error}") from error
+        self._wants, self._slowest = sink.wants, sink.slowest
+        self._may_skip = sink.newest_suffice and not self._lossless
         self._queue: BoundedQueue[Event] = BoundedQueue(
             sink.room.events,
             sink.room.size,
             dropped=self._drop,
             droppable=lambda event: isinstance(event, sink.droppable),
         )
-        if must_open:
-            sink.open()
         self._begin(sink if must_open else None)
 
     def put(self, event: Event) -> None:
@@ -111,14 +115,14 @@ class SinkRunner:
     def watch(self) -> None:
         """Give up a thread that hangs, and begin another; to be called now and then."""
         attempt, now = self._attempt, time.monotonic()
-        limit = max(self._patience.hang, _TIMES_USUAL * self._longest)
+        limit = max(self._patience.hang, self._slowest, _TIMES_USUAL * self._longest)
         if attempt.began is not None and now - attempt.began > limit and self._state != "failed":
             self._abandon(f"it hung for {now - attempt.began:.0f} s")
-            if self._abandoned >= _ABANDONED:
-                self._give_up(f"it hung {self._abandoned} times")
+            if len(self._hanging) >= _ABANDONED:
+                self._give_up(f"{len(self._hanging)} of its threads hang")
             else:
                 self._begin(None)
-        if self._dropped > self._told:
+        if self._dropped > self._told and not self._may_skip:
             _log.warning("sink %s: %d events lost so far", self.name, self._dropped)
             self._told = self._dropped
 
@@ -137,12 +141,13 @@ class SinkRunner:
     def close(self, timeout: float, *, discard: bool = False) -> None:
         """End it, and give it up where that takes longer than `timeout` seconds."""
         self.end(discard=discard)
-        self._join(timeout)
-        if self._thread.is_alive():
-            self._abandon(f"it did not finish within {timeout:.0f} s")
-            self._queue.clear()
-        if self._state != "failed":
-            self._state = "ended"
+        failed = self._state == "failed"
+        if not self._attempt.abandoned:
+            self._join(min(timeout, self._patience.held) if failed else timeout)
+            if self._thread.is_alive():
+                self._abandon(f"it did not finish within {timeout:.0f} s")
+                self._queue.clear()
+        self._state = "failed" if failed else "ended"
 
     def _join(self, timeout: float) -> None:
         """Wait for the thread, in a lossless run for as long as it gets on with its work."""
@@ -182,18 +187,18 @@ class SinkRunner:
         """What was lost to it, in words; complete once it is closed."""
         sink = self.sink
         said = self._losses + list(sink.losses if sink is not None else ())
-        if self._dropped or self._state == "failed":
+        skipped_only = self._may_skip and not self._faults
+        if (self._dropped and not skipped_only) or self._state == "failed":
             why = f" ({self._error})" if self._error else ""
             said.append(f"{self.name}: {self._dropped} events lost{why}")
         return said
 
     def _begin(self, sink: Sink | None) -> None:
-        self._attempt = _Attempt()
-        self._attempt.sink = sink
+        self._attempt = Attempt(sink)
         self._thread = Thread(target=self._run, args=(self._attempt,), name=self.name, daemon=True)
         self._thread.start()
 
-    def _run(self, attempt: _Attempt) -> None:
+    def _run(self, attempt: Attempt) -> None:
         wait = self._patience.restart
         while not attempt.abandoned:
             taken = self._taken
@@ -211,9 +216,9 @@ class SinkRunner:
                 return
             wait = min(2 * wait, _LONGEST_WAIT)
 
-    def _serve(self, attempt: _Attempt) -> None:
+    def _serve(self, attempt: Attempt) -> None:
         """Open a sink where there is none, give it the events until the queue ends, close it."""
-        with _timed(attempt):
+        with attempt.at_work():
             if attempt.sink is None:
                 attempt.sink = self._make()
                 attempt.sink.open()
@@ -230,10 +235,10 @@ class SinkRunner:
         if not attempt.abandoned:
             sink.discard() if self._discarding else sink.close()
 
-    def _take(self, attempt: _Attempt, sink: Sink, event: Event) -> None:
+    def _take(self, attempt: Attempt, sink: Sink, event: Event) -> None:
         began = time.monotonic()
         try:
-            with _timed(attempt):
+            with attempt.at_work():
                 sink.take(event)
         except EncodingError as error:
             # Not the sink's fault: it goes on with the next event.
@@ -247,7 +252,7 @@ class SinkRunner:
             self._taken += 1
             self._longest = max(self._longest, time.monotonic() - began)
 
-    def _lose(self, attempt: _Attempt, error: Exception, event: Event) -> None:
+    def _lose(self, attempt: Attempt, error: Exception, event: Event) -> None:
         if attempt.abandoned:
             return
         self._faults += 1
@@ -262,12 +267,12 @@ class SinkRunner:
         self._state = "restarting"
         _log.error("sink %s failed: %s; starting it again in %.1f s", self.name, self._error, wait)
 
-    def _retire(self, attempt: _Attempt) -> None:
+    def _retire(self, attempt: Attempt) -> None:
         """Close a sink that failed; what it has written so far is kept."""
         sink, attempt.sink = attempt.sink, None
         if sink is None:
             return
-        with suppress(Exception), _timed(attempt):
+        with suppress(Exception), attempt.at_work():
             sink.discard() if self._discarding else sink.close()
         self._keep(sink)
 
@@ -285,6 +290,7 @@ class SinkRunner:
             with suppress(Exception):
                 sink.abandon()
             self._keep(sink)
+        self._hanging = [thread for thread in (*self._hanging, self._thread) if thread.is_alive()]
         self._abandoned += 1
         self._faults += 1
         self._dropped += 1
@@ -301,16 +307,3 @@ class SinkRunner:
     def _drop(self, event: Event) -> None:  # noqa: ARG002
         with self._lock:
             self._dropped += 1
-
-
-class _timed:  # noqa: N801 — a context manager, read as a phrase
-    """Notes since when the thread is in the hands of its sink."""
-
-    def __init__(self, attempt: _Attempt) -> None:
-        self._attempt = attempt
-
-    def __enter__(self) -> None:
-        self._attempt.began = time.monotonic()
-
-    def __exit__(self, *_: object) -> None:
-        self._attempt.began = None

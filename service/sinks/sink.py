@@ -33,11 +33,16 @@ class Sink:
         wants: kinds of events that it is given.
         room: what may wait for it; when that is full, live, `droppable` kinds go first, oldest first.
         droppable: kinds that are worth least.
+        newest_suffice: live, what gives way to something newer is counted, but no loss.
+        slowest: seconds that one event may take before the sink counts as hanging, where that is more than
+            usual: one that waits for something with a limit of its own must get that limit and some more.
     """
 
     wants: ClassVar[tuple[type[Event], ...]] = (Event,)
     room: ClassVar[Room] = Room(1000, 64 << 20)
     droppable: ClassVar[tuple[type[Event], ...]] = ()
+    newest_suffice: ClassVar[bool] = False
+    slowest: ClassVar[float] = 0.0
 
     Options: ClassVar[type[BaseModel]] = NoOptions
     """What a configuration may set, checked."""

@@ -28,6 +28,9 @@ _CHECKED = _CHECKSUM().digest_size
 _FOLDER_MODE, _FILE_MODE = 0o755, 0o644
 """Whatever the umask: what others may write is not read again."""
 
+_LARGE = 1 << 18
+"""Bytes; few compiled kernels are larger."""
+
 
 class KernelFiles:
     """The files of one kernel in one folder.
@@ -95,7 +98,8 @@ def fault_in_writing(folder: Path) -> str | None:
     """Why kernels cannot be kept in the folder, which is made where it is missing; None where they can."""
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=_FOLDER_MODE)
-        tempfile.TemporaryFile(dir=folder).close()
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(bytes(_LARGE))  # a full disk still takes empty files
         _check_trust(folder, folder.stat())
     except OSError as error:
         return f"{folder}: {error.strerror}"

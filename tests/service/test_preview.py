@@ -1,5 +1,6 @@
 """Pictures of a burst: what they show, and that they are written whole."""
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,9 +13,11 @@ from service.config.sections import FusionSection
 from service.errors import OutputError
 from service.fusion.fuse import fuse_burst
 from service.messages.burst import Burst
+from service.messages.events import MapFused
 from service.messages.map import FusedMap
 from service.messages.quality import error_map, judge
 from service.sinks.drawing import Picture, write_preview
+from service.sinks.pictures import Pictures
 from service.sinks.shading import Surface
 
 
@@ -108,3 +111,18 @@ def test_a_surface_faces_its_viewer_and_hides_what_is_behind_it() -> None:
     wall[20:28, 28:36] *= 0.5
     holed = Surface(wall, K, None).seen_from(0.6, 0.0)
     assert np.isnan(holed[200:280, 100:540]).any(), "seen askew, the block leaves a shadow on the wall"
+
+
+@pytest.mark.parametrize(("lossless", "niceness"), [(False, 15), (True, 5)])
+def test_who_draws_gives_way_to_all_but_a_run_that_waits(
+    step: FusedMap, tmp_path: Path, lossless: bool, niceness: int
+) -> None:
+    pictures = Pictures(tmp_path, lossless=lossless)
+    pictures.open()
+    try:
+        pictures.take(MapFused(step, None))
+        own = os.getpriority(os.PRIO_PROCESS, 0)
+        assert os.getpriority(os.PRIO_PROCESS, pictures._worker.pid) == min(19, own + niceness)
+    finally:
+        pictures.close()
+    assert [path.name for path in tmp_path.iterdir()] == ["burst-0003.png"]

@@ -9,8 +9,9 @@ from typer.testing import CliRunner
 
 from drivers import Frame, sr4000_calibration
 from drivers.calibration import Mount
-from drivers.recording import RecordingWriter, open_recording
+from drivers.recording import Recording, RecordingWriter, open_recording
 from service.cli import app
+from service.cli.info import _frame_lines
 
 START = 1_700_000_000_000_000_000
 
@@ -157,6 +158,11 @@ def test_info_shows_what_is_inside(recording):
         r"damage +none, checksums agree",
     ):
         assert re.search(f"^{line}", said, re.MULTILINE), line
+
+
+def test_info_does_not_blame_the_camera_for_every_gap(recording):
+    frames = Recording(recording).summary().frames.model_copy(update={"drops": 3})
+    assert "3 numbers left out (dropped, or not kept)" in dict(_frame_lines(frames))["frames"]
 
 
 def test_info_of_a_torn_file_says_what_is_missing_with_status_3(recording):

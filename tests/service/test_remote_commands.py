@@ -111,6 +111,15 @@ def test_status_says_what_matters(service: str) -> None:
     assert Status.model_validate_json(run("status", "--endpoint", service, "--json")[1]) == STATUS
 
 
+def test_status_of_a_stream_and_of_another_version(endpoint: str) -> None:
+    with open_session([endpoint]) as session, publishing(session) as publisher:
+        publisher.take(StatusTold(Status(state="streaming", seconds=7.0, totals=Totals(frames=9, fused=8))))
+        assert publisher.drain()
+        _, out, _ = run("status", "--endpoint", endpoint)
+    assert "state      streaming for 7 s\n" in out
+    assert "maps       8, 0.00 per second" in out
+
+
 def test_get_shows_and_saves_every_kind(
     service: str, tmp_path: Path, fused: Callable[[int], FusedMap]
 ) -> None:

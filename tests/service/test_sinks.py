@@ -154,9 +154,41 @@ def test_one_that_hangs_again_and_again_is_given_up_for_good(bench: Bench) -> No
     emitted(bench, 5)
     bench.until(lambda: bench.state("faulty").state == "failed")
     assert bench.state("faulty").abandoned == 3
-    assert bench.state("faulty").error == "it hung 3 times"
+    assert bench.state("faulty").error == "3 of its threads hang"
     emitted(bench, 1)
     assert bench.state("faulty").dropped == 6
+    began = time.monotonic()
+    bench.bus.close(25)
+    assert time.monotonic() - began < 10, "nobody waits for what was given up"
+    assert (bench.state("faulty").state, bench.state("faulty").abandoned) == ("failed", 3)
+
+
+def test_one_that_hangs_for_a_while_now_and_then_is_never_given_up_for_good(bench: Bench) -> None:
+    class HangsForAWhile(Keeps):
+        def take(self, event: Event) -> None:
+            self.abandoned.wait(30)
+            super().take(event)
+
+    bench.add("faulty", HangsForAWhile)
+    for count in range(1, 6):
+        emitted(bench, 1)
+        bench.until(lambda count=count: bench.state("faulty").abandoned == count)
+        bench.until(lambda count=count: len(bench.kept["faulty"]) == count)
+        assert bench.state("faulty").state != "failed"
+
+
+def test_one_that_waits_with_a_limit_of_its_own_hangs_later(bench: Bench) -> None:
+    class TakesItsTime(Keeps):
+        slowest = 30.0
+
+        def take(self, event: Event) -> None:
+            Hangs.let_go.wait(2.5 * QUICK.hang)
+            super().take(event)
+
+    bench.add("patient", TakesItsTime)
+    emitted(bench, 1)
+    bench.until(lambda: bench.state("patient").taken == 1)
+    assert bench.state("patient").abandoned == 0
 
 
 def test_live_a_slow_one_loses_and_counts_and_nobody_waits(bench: Bench) -> None:
@@ -169,6 +201,27 @@ def test_live_a_slow_one_loses_and_counts_and_nobody_waits(bench: Bench) -> None
     state = bench.state("slow")
     assert state.taken + state.dropped == 200
     assert state.dropped > 100
+
+
+@pytest.mark.parametrize("lossless", [False, True])
+def test_live_one_that_the_newest_suffice_counts_the_others_as_no_loss(
+    lossless: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    class Newest(Slow):
+        newest_suffice = True
+
+        def take(self, event: Event) -> None:
+            self.abandoned.wait(QUICK.held * 2 if lossless else 0.05)
+            super().take(event)
+
+    bench = Bench(lossless=lossless)
+    bench.add("newest", Newest)
+    emitted(bench, 20)
+    bench.bus.watch()
+    bench.bus.close(20)
+    assert bench.state("newest").dropped > 0
+    assert bool(bench.bus.losses) == lossless
+    assert ("events lost" in caplog.text) == lossless
 
 
 def test_lossless_a_slow_one_is_waited_for() -> None:
@@ -237,6 +290,17 @@ def test_sinks_come_and_go_while_it_runs(bench: Bench) -> None:
     assert len(bench.kept["one"]) == 2
     with pytest.raises(SinkError, match="no sink 'one'"):
         bench.bus.remove("one")
+
+
+@pytest.mark.parametrize("broken", ["__init__", "open"])
+def test_what_somebody_elses_sink_raises_at_its_beginning_names_the_sink(bench: Bench, broken: str) -> None:
+    def fail(*_: object) -> None:
+        raise AttributeError("no such thing")
+
+    kind = type("Broken", (Keeps,), {broken: fail})
+    with pytest.raises(SinkError, match=r"sink 'broken' cannot begin: AttributeError: no such thing"):
+        bench.add("broken", kind)
+    assert bench.bus.states == ()
 
 
 def test_what_opening_raises_is_raised_and_nothing_is_half_started(bench: Bench) -> None:

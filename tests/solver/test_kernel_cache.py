@@ -309,6 +309,17 @@ def test_a_full_disk_is_told_once_and_leaves_nothing_behind(
     assert machine.call(10) == (21, 1)
 
 
+def test_a_folder_on_a_full_disk_is_known_to_be_of_no_use_before_anything_is_compiled(tmp_path: Path) -> None:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
+    try:
+        assert files.fault_in_writing(tmp_path) == f"{tmp_path}: File too large"
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        files.fault_in_writing.cache_clear()
+    assert files.fault_in_writing(tmp_path) is None
+
+
 @pytest.mark.skipif(not hasattr(config, "CACHE_LOCATOR_CLASSES"), reason="this Numba has no such variable")
 def test_numbas_variables_hold(
     machine: Machine,
