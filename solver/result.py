@@ -62,6 +62,7 @@ class Fused:
         shifts: (N, 2) low-resolution pixels (dy, dx) at the image centre.
         rotations: (N, 3) rotation vectors in radians, or None where displacements were used.
         report: how the fusion went.
+        reason: (βH, βW) uint8: 0 measured, 1 filled; unknown: 2 dark, 3 saturated, 4 contradicted, 5 outside.
     """
 
     distance: NDArray[np.float32]
@@ -70,3 +71,4 @@ class Fused:
     shifts: NDArray[np.float64]
     rotations: NDArray[np.float64] | None
     report: Report
+    reason: NDArray[np.uint8]

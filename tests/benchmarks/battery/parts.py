@@ -76,14 +76,15 @@ def wire(start: Point, end: Point, width: float, reflectivity: float) -> Surface
 
 
 def stairs(first: float, step: float, count: int, texture: Texture | None, lying: bool) -> list[Surface]:
-    """Treads side by side, each `step` metres farther; upright ones, or lying."""
+    """Treads side by side, each `step` metres farther and reaching behind the one before."""
     treads: list[Surface] = []
     wide = (0.9 if not lying else 0.76) / count
     for k in range(count):
-        at = (k + 0.5) * wide - count * wide / 2
+        hidden = 0.04 if k else 0.5
+        at = (k + 0.5) * wide - count * wide / 2 - hidden / 2
         z = first + k * step
         centre = (0.0, at, z) if lying else (at, 0.0, z)
-        size = (3.0, wide) if lying else (wide, 3.0)
+        size = (3.0, wide + hidden) if lying else (wide + hidden, 3.0)
         treads.append(plate(centre, size[0], size[1], 0.6, texture=texture))
     return [*treads, wall(first + count * step, texture=texture)]
 

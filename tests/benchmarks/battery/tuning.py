@@ -84,5 +84,15 @@ def _slant() -> Scene:
     return scene("slant", hills(0.004, 0.02, 8, patched(0.12, 6, 0.4), tilt=40.0))
 
 
-TUNING = {f.__name__[1:]: f for f in (_boxes, _cut, _blobs, _stairs, _dark, _wires, _open, _slant)}
+def _floor() -> Scene:
+    """A floor that runs away into the dark, and a ceiling."""
+    return scene(
+        "floor",
+        plate((0, 0.3, 2.5), 6, 3.4, 0.6, normal=(0, -1, 0), up=(0, 0, 1), texture=patched(0.4, 9, 0.8)),
+        plate((0, -0.35, 2.5), 6, 3.4, 0.3, normal=(0, 1, 0), up=(0, 0, 1)),
+        box((0.15, 0.2, 2.3), (0.2, 0.2, 0.2), 0.6, 30, None),
+    )
+
+
+TUNING = {f.__name__[1:]: f for f in (_boxes, _cut, _blobs, _stairs, _dark, _wires, _open, _slant, _floor)}
 """Builders by name."""
