@@ -46,7 +46,7 @@ _USUAL = 2 * np.pi / 7.5
 _EDGE = 0.02 * _USUAL
 """Rise of φ from one fused pixel to the next from which it is an edge and has no say in the slope."""
 
-_REACH = 2.5
+_REACH = 2.0
 """Low-resolution pixels over which the slope is averaged: half as many let its noise through, a quarter more
 on flat walls."""
 
@@ -82,8 +82,13 @@ class Step:
     rounds: int
 
 
-SCHEDULE = tuple(Step(150 ** (1 - min(1.0, k / 8)), 13) for k in range(12))
-"""From 150 times δ, 0.6 m, to δ in eight steps, and three more."""
+def schedule(steps: int, falling: int, rounds: int) -> tuple[Step, ...]:
+    """From 150 times δ, 0.6 m, to δ in so many falling steps, and the others at δ."""
+    return tuple(Step(150 ** (1 - min(1.0, number / falling)), rounds) for number in range(steps))
+
+
+SCHEDULE = schedule(12, 8, 13)
+"""Measured: ten steps of nine rounds have a tenth more mean absolute error."""
 
 
 @dataclass(slots=True)
@@ -97,7 +102,6 @@ class Factored:
         noise: of |Z|, deviation, where all samples of a low-resolution pixel tell of it.
         strength: factor on both κ.
         neighbourhood: offsets of the pairs.
-        changed: whether the scene did since the state was found from the data alone.
         state: (2, rows + 4, columns + 4), l and φ, padded; z: its phasors.
     """
 
@@ -107,7 +111,6 @@ class Factored:
     noise: float
     strength: float = 1.0
     neighbourhood: tuple[Offset, ...] = NEIGHBOURHOOD
-    changed: bool = False
     state: Image = field(init=False)
     z: Image = field(init=False)
     _logs: tuple[Image, Image] = field(init=False)
@@ -133,13 +136,6 @@ class Factored:
     @property
     def _least(self) -> float:
         return min(_FAINTEST, _NOUGHT * self.noise)
-
-    def start_from(self, other: "Factored") -> None:
-        """Go on from the state of another one on the same grid."""
-        self.state[...] = other.state
-        self.state[0, PAD:-PAD, PAD:-PAD] += np.float32(np.log(other.scale / self.scale))
-        self._taken = _LEVEL
-        self._move(np.zeros_like(self.state))
 
     def descend(self, step: Step, limit: int) -> int:
         """One step of Gauss–Newton; returns the rounds of conjugate gradients, at most `limit`, it took."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import FusionInputError
-from solver.factored import MODEL, SCHEDULE, Factored, Step
+from solver.factored import MODEL, SCHEDULE, Factored, Step, schedule
 from solver.footprint import AreaTerm
 from solver.kernels import phasor as phasors
 from solver.kernels import team
@@ -26,16 +26,16 @@ from solver.result import Progress
 _MARGIN = 4
 """Low-resolution pixels that the map reaches beyond the grid, so that samples that look there count."""
 
-_LOST = 2.0
-"""A distance is lost where what a low-resolution pixel's samples say of it deviates by over half a radian,
-by |Z| itself or by the mean of Z over two pixels: noise has a length, but no direction."""
+_LOST = 3.0
+"""A distance is lost where what a low-resolution pixel's samples say of it deviates by over a third of a
+radian, by |Z| itself or by the mean of Z over two pixels: noise has a length, but no direction."""
 
-_RENEWED, _FOLLOWED = SCHEDULE[-4:], (Step(1.0, 4),)
-"""Of a stream that is prepared anew, and after an exchange of one frame: both start from the map before."""
+_RENEWED = schedule(7, 5, 11)
+"""Of a stream that is prepared anew, which starts from the data too: edges that a map of other frames has
+found elsewhere hold out against sharp steps, for a fifth more mean absolute error."""
 
-_CHANGED = SCHEDULE[5::2]
-"""After an exchange of more frames: the scene has changed. Edges that were found elsewhere hold out against
-so few steps; the stream finds them from the data alone when it is prepared anew."""
+_FOLLOWED, _CHANGED = (Step(1.0, 3),), SCHEDULE[5::2]
+"""After an exchange of one frame, and of more, where the scene has changed; from the map before."""
 
 _TOLD = 100.0
 """Bluntness under which a map tells samples that it does not explain."""
@@ -43,9 +43,6 @@ _TOLD = 100.0
 _DISPUTED = 3e-4
 """Part of the samples that the other frames contradict from which others may be wrong unnoticed. On clean
 frames nothing changes, but telling takes as long as a tenth of the descent."""
-
-_MANY = 8
-"""Frames from which a stream's map before is a start: those of fewer are aliased."""
 
 
 def solve(problem: Problem, *, initial: Solution | None = None, progress: Progress | None = None) -> Solution:
@@ -61,11 +58,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     if problem.exchanged and before is not None:
         course, steps = before, _follow(problem, before)
     else:
-        course = _begin(problem)
-        steps = SCHEDULE
-        if before is not None and len(problem.distance) >= _MANY and not before.changed:
-            course.start_from(before)
-            steps = _RENEWED
+        course, steps = _begin(problem), SCHEDULE if before is None else _RENEWED
     watch = course is not before and problem.contradicted > _DISPUTED
     taken, converged = _run(course, steps, problem.options.max_iterations, progress, watch)
     return _solution(problem, course, taken, converged, fresh=initial is None)
@@ -90,10 +83,7 @@ def _follow(problem: Problem, course: Factored) -> Sequence[Step]:
         slot = slice(number, number + 1)
         samples = _samples(problem, course.scale, slot)
         course.term.exchange(number, *samples, problem.positions[slot], course.z)
-    if len(problem.exchanged) == 1:
-        return _FOLLOWED
-    course.changed = True
-    return _CHANGED
+    return _FOLLOWED if len(problem.exchanged) == 1 else _CHANGED
 
 
 def _run(
