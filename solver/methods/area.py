@@ -28,8 +28,8 @@ relief (see `solver.noise`): the scene's range in its place costs a detailed obj
 error, or the recorded scenes 6 % of their mean absolute error."""
 
 _MIXING = 0.02
-"""Of the scene's range, where an ambiguity range says that samples average phasors: what the average of distances
-errs by counts as noise. Without it, a quarter of the noise raises the error of thin things by 13 %."""
+"""Of the scene's range, where an ambiguity range says that samples average phasors: what the average of
+distances errs by counts as noise. Without it, a quarter of the noise raises thin things' error by 13 %."""
 
 _SMOOTH = 0.01
 """Of the scene's range, the least relief: a scene without edges is not smoothed without bounds."""
