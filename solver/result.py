@@ -24,7 +24,7 @@ class Report:
 
     Attributes:
         method: the method used (never `auto`).
-        regularization: the λ used, or None for methods without one.
+        regularization: the λ used, the factor on the penalties of `phasor`, or None for methods without one.
         iterations: iterations of the solve.
         objective: value of the method's objective at the result, or None for methods without one.
         gap: relative duality gap (P − D) / P, or None for methods without one and for a stream's later maps.

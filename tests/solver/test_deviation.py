@@ -15,7 +15,6 @@ def test_truth_lies_within_one_deviation_as_often_as_it_should(method: str, nois
         burst.distance,
         amplitude,
         shifts=burst.shifts,
-        ambiguity_range=7.5,
         options=FusionOptions(method=method),  # type: ignore[arg-type]
     )
     error = np.abs(fused.distance - burst.truth)
