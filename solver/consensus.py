@@ -33,9 +33,11 @@ _LOST = 12.0
 _GAP = 5
 """Pixels across which samples left out are joined: at an edge behind somebody, too much is allowed."""
 
-_SWING = (1.5, 3.0)
-"""What a map may swing to beside edges: high − low from the middle, and deviations. Without wrong samples at
-most one fused pixel in five hundred lies beyond it, and no error grows by more than 2 %."""
+_SWING, _MIXED_SWING = (1.5, 3.0), (0.5, 3.0)
+"""What a map may swing to beside edges: high − low from the middle, and deviations. Where samples average
+distances, at most one fused pixel in five hundred lies beyond the first without wrong samples, and no error
+grows by more than 2 %. Where they average phasors, what would explain them lies beyond what is there, the
+further the less noise there is; the second is what the frames say and no more."""
 
 _FEW = 500
 """One of so many samples of a frame may be judged anew without the frame being exchanged for it."""
@@ -122,15 +124,17 @@ class Consensus:
         """The part of the valid samples that the others contradict."""
         return float(self._against.sum() / max(1, self._valid.sum()))
 
-    def limit(self, distance: Image, deviation: float) -> None:
+    def limit(self, distance: Image, deviation: float, mixed: bool) -> None:
         """Bring a map (βH, βW) that swings far beyond what the frames say back to where that begins.
 
         Args:
             deviation: of the usual sample.
+            mixed: whether samples average phasors, not distances.
         """
+        swing = _MIXED_SWING if mixed else _SWING
         with np.errstate(invalid="ignore"):  # −∞ + ∞: no bounds
-            middle, reach = 0.5 * (self._low + self._high), _SWING[0] * (self._high - self._low)
-        reach += np.float32(_SWING[1] * deviation)
+            middle, reach = 0.5 * (self._low + self._high), swing[0] * (self._high - self._low)
+        reach += np.float32(swing[1] * deviation)
         factor = len(distance) // len(self._low)
         team.share(kernels.limit, distance, middle - reach, middle + reach, factor)
 

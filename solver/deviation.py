@@ -3,9 +3,10 @@
     deviation² = (a σ)² / n + (b ‖∇X‖)²,   a² = floor² + (share · σ / λ)²
 
 n samples of deviation σ lie within one low-resolution pixel; the prior averages over more of them the larger
-λ is, but no further than the scene's own structure. On slopes and edges the error is one of place, and b is
-in fused pixels. The constants are measured on simulated scenes (tests/solver/test_deviation.py holds them to
-it).
+λ is, but no further than the scene's own structure. Where a method knows the variance that its likelihood and
+its ties leave, a times its root stands in the place of the first part. On slopes and edges the error is one
+of place, and b is in fused pixels. The constants are measured on simulated scenes
+(tests/solver/test_deviation.py holds them to it).
 """
 
 import numpy as np
@@ -16,8 +17,11 @@ from solver.kernels import team
 from solver.options import SINGLE
 from solver.problem import Problem, Solution
 
-_LEVEL, _SLOPED = (0.36, 0.15, 0.23), {"area": (0.18, 0.03, 0.03), "phasor": (0.18, 0.03, 0.09)}
+_LEVEL, _SLOPED = (0.36, 0.15, 0.23), {"area": (0.18, 0.03, 0.03)}
 """Floor, share of σ / λ, and b: for a prior of first order, and by method for one that lets ramps pass."""
+
+_INFORMED = (0.085, 0.35)
+"""a and b where a method knows its variance."""
 
 _LEAST = 0.01
 """Samples that stand for none: blurred rounding errors are no samples."""
@@ -35,13 +39,17 @@ def deviation(
         away: in fused pixels. NaN, in the distance too, further than `fill` low-resolution pixels away.
     """
     factor = problem.options.upsampling
+    out = np.empty_like(distance)
+    if solution.information is not None:
+        law = np.float32(_INFORMED[0]), np.float32(np.finfo(np.float32).tiny), np.float32(_INFORMED[1])
+        team.share(kernels.combine, distance, solution.information, factor, *law, out)
+        return _faded(problem, away, out, distance)
     usual = problem.usual_deviation if problem.noise else 0.0
     floor, share, shift = _SLOPED.get(problem.options.method, _LEVEL)
     relative = solution.relative
     smoothing = 1.0 if relative is None else float(np.hypot(floor, share / relative))
     frames = len(problem.distance) if problem.options.method in SINGLE else 1
     each = factor**2 / frames  # samples, for one on average
-    out = np.empty_like(distance)
     team.share(
         kernels.combine,
         distance,
@@ -52,5 +60,12 @@ def deviation(
         np.float32(shift),
         out,
     )
-    team.share(kernels.fade, away, np.float32(1 / factor), np.float32(problem.options.fill), out, distance)
+    return _faded(problem, away, out, distance)
+
+
+def _faded(
+    problem: Problem, away: NDArray[np.float32], out: NDArray[np.float32], distance: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    units = np.float32(1 / problem.options.upsampling), np.float32(problem.options.fill)
+    team.share(kernels.fade, away, *units, out, distance)
     return out

@@ -46,16 +46,16 @@ def ratio(totals: NDArray[np.floating], share: NDArray[np.floating], least: floa
 
 
 def smooth(
-    values: NDArray[np.float32], known: NDArray[np.bool_]
+    values: NDArray[np.float32], known: NDArray[np.bool_], most: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """The values with the unknown pixels bridged smoothly, and the distance to the nearest known pixel.
 
-    They are harmonic, starting from the nearest ones.
+    They are harmonic, starting from the nearest ones; further than `most` pixels away they stay these.
     """
     away, labels = _labelled(known)
     filled = values.copy()
     kernels.take(labels, known, filled)
-    rows, columns = np.nonzero(~known)
+    rows, columns = np.nonzero(~known & (away <= most))
     # As on a chessboard, the black ones first: no pixel then waits for the one before it.
     order = np.argsort((rows + columns) % 2, kind="stable")
     kernels.relax(filled, rows[order], columns[order], _SWEEPS, _OVER)

@@ -64,11 +64,13 @@ class AreaTerm:
         positions: NDArray[np.float32],
         factor: int,
         footprint: Footprint,
+        margin: int = 0,
     ) -> None:
         """values (C, N, H, W) in units of λ; weights (N, H, W), 0 = not used; positions (N, H, W, 2)."""
         taps = footprint_taps(footprint, factor)
+        self.factor = factor
         self._size = len(taps)
-        self.margin = factor + max(0, -(-(self._size - factor) // 2))
+        self.margin = max(margin, factor + max(0, -(-(self._size - factor) // 2)))
         kind = values.dtype
         self._taps = np.zeros(-(-self._size // 4) * 4, kind)
         self._taps[: self._size] = taps
@@ -178,6 +180,20 @@ class AreaTerm:
             team.share(kernels.accumulate, values, lost, nodes, fractions, found, self._stencil, self._side)
             weights += lost
             self.curvature = self._row_sums()
+
+    @property
+    def stencil(self) -> tuple[NDArray[np.floating], NDArray[np.floating], int]:
+        """(M, the taps of B, how many of them count), see `kernels.blur`."""
+        return self._stencil, self._taps, self._size
+
+    @property
+    def bend(self) -> NDArray[np.floating]:
+        """(rows + 4, columns + 4): about the diagonal of Aᵀ Ω A; a footprint spreads over taps²."""
+        return self.curvature * self.curvature.dtype.type(1 / self._size**2)
+
+    def pull(self, x: NDArray[np.floating], factor: np.floating, out: NDArray[np.floating]) -> None:
+        """out ← factor · Aᵀ Ω (A x − y) at the padded map x."""
+        team.share(blur.transform, x, self._stencil, self._side, self._taps, self._size, factor, out)
 
     def operator(self) -> Operator:
         return Operator((self._stencil, self._side, self._taps, self._size))

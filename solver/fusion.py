@@ -100,7 +100,7 @@ def fuse(
             guide=image,
         )
         solution = load(options.method)(problem, progress=progress)
-        fused, spread = complete(problem, solution)
+        fused, spread, reason = complete(problem, solution)
     seconds = Seconds(registered - begin, time.perf_counter() - registered)
     if not solution.converged:
         warn_unconverged(options, solution, stacklevel=3)
@@ -117,7 +117,7 @@ def fuse(
         rejected=poses.rejected,
         contradicted=problem.contradicted,
     )
-    return Fused(fused, spread, solution.amplitude, poses.shifts, poses.rotations, report)
+    return Fused(fused, spread, solution.amplitude, poses.shifts, poses.rotations, report, reason)
 
 
 def warn_unconverged(options: FusionOptions, solution: Solution, stacklevel: int) -> None:

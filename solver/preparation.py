@@ -13,6 +13,7 @@ from solver.fill import reach, smooth
 from solver.kernels import noise as kernels
 from solver.options import SINGLE, FusionOptions
 from solver.problem import Problem, Solution
+from solver.reason import reasons
 
 
 def prepare(
@@ -98,16 +99,27 @@ def _count(problem: Problem, frames: Iterable[int], sign: int) -> None:
         problem.count(slice(number, number + 1), problem.precision, sign)
 
 
-def complete(problem: Problem, solution: Solution) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """(distance, deviation), filled up to `fill` low-resolution pixels from the nearest used sample."""
+def complete(
+    problem: Problem, solution: Solution
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:
+    """(distance, deviation, reason), filled up to `fill` low-resolution pixels from the nearest used sample.
+
+    Raises:
+        FusionInputError: no pixel of the map is known.
+    """
     away = reach(problem.precision > 0)
     known = np.isfinite(solution.distance)
     if known.all():
         distance = solution.distance.copy()
-    else:
-        distance, beyond = smooth(solution.distance, known)
+    elif known.any():
+        distance, beyond = smooth(solution.distance, known, problem.options.fill * problem.options.upsampling)
         np.maximum(away, beyond, out=away)
-    return distance, deviation(problem, solution, away, distance)
+    else:
+        raise FusionInputError(
+            "every pixel is darker than its noise: nothing is known of any distance; expose longer"
+        )
+    spread = deviation(problem, solution, away, distance)
+    return distance, spread, reasons(problem, distance, away)
 
 
 def _threshold(

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from solver import noise as noise_law
 from solver.consensus import Consensus
+from solver.factored import Factored
 from solver.kernels import sparse, team
 from solver.options import FusionOptions
 from solver.result import Progress
@@ -101,8 +102,9 @@ class Solution:
     Attributes:
         distance: (βH, βW) float32, NaN = not known to the method.
         amplitude: (βH, βW) float32, or None.
+        information: (βH, βW), the inverse variance of each distance, where the method knows it.
         relative: λ in units of one sample's deviation, where the method has a convex prior.
-        trail: for a warm start of the same method on about the same data.
+        trail, course: for a warm start of the same method on about the same data.
         regularization, iterations, objective, gap, converged: as in `Report`.
     """
 
@@ -114,7 +116,9 @@ class Solution:
     gap: float | None
     converged: bool
     relative: float | None = None
+    information: NDArray[np.float32] | None = None
     trail: Trail | None = None
+    course: Factored | None = None
 
 
 __all__ = ["Problem", "Progress", "Solution"]

@@ -24,7 +24,7 @@ class Report:
 
     Attributes:
         method: the method used (never `auto`).
-        regularization: the λ used, or None for methods without one.
+        regularization: the λ used, the factor on the penalties of `phasor`, or None for methods without one.
         iterations: iterations of the solve.
         objective: value of the method's objective at the result, or None for methods without one.
         gap: relative duality gap (P − D) / P, or None for methods without one and for a stream's later maps.
@@ -62,6 +62,7 @@ class Fused:
         shifts: (N, 2) low-resolution pixels (dy, dx) at the image centre.
         rotations: (N, 3) rotation vectors in radians, or None where displacements were used.
         report: how the fusion went.
+        reason: (βH, βW) uint8: 0 measured, 1 filled; unknown: 2 dark, 3 saturated, 4 contradicted, 5 outside.
     """
 
     distance: NDArray[np.float32]
@@ -70,3 +71,4 @@ class Fused:
     shifts: NDArray[np.float64]
     rotations: NDArray[np.float64] | None
     report: Report
+    reason: NDArray[np.uint8]

@@ -16,22 +16,23 @@ _REACH = 5.0
 """Deviation of the Gaussian that averages slopes, fused pixels: over one low-resolution pixel at ×4.
 It is applied at half the resolution, which so wide a Gaussian does not need."""
 
-_TAPS = 9
-"""To either side: 3.6 deviations."""
+_TAPS = 3.6
+"""Deviations to either side."""
 
 
-def slope(x: NDArray[np.floating], edge: float) -> NDArray[np.floating]:
+def slope(x: NDArray[np.floating], edge: float, reach: float = _REACH) -> NDArray[np.floating]:
     """The rise per row and per column of a padded map, averaged over its surroundings.
 
     Args:
         x: (C, rows + 4, columns + 4), padded.
         edge: gradient from which a pixel is an edge, which has no slope; such pixels take their neighbours'.
+        reach: deviation of the Gaussian that averages slopes, fused pixels.
 
     Returns:
         (C, 2, rows + 4, columns + 4), zero in the padding.
     """
     channels, rows, columns = len(x), x.shape[1] - 4, x.shape[2] - 4
-    taps = gaussian(_REACH / 2, _TAPS).astype(x.dtype)
+    taps = gaussian(reach / 2, int(np.ceil(_TAPS * reach / 2))).astype(x.dtype)
     votes = np.empty((1 + 2 * channels, (rows + 1) // 2, (columns + 1) // 2), x.dtype)
     team.share(kernels.votes, x, x.dtype.type(1 / edge**2), taps, votes)
     out: NDArray[np.floating] = np.empty((channels, 2, *x.shape[1:]), x.dtype)

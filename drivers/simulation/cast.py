@@ -14,6 +14,9 @@ TILE = 48
 NEAREST = 1e-6
 """Hits nearer than this along a ray (in units of its z = 1 vector) are behind the camera or at it."""
 
+CLIMBS = 12
+"""Rounds of the fixed point on a relief; each takes off all but slope · tan(incidence) of what is left."""
+
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
@@ -36,21 +39,41 @@ def _reflectivity(s: Packed, k: int, u: float, v: float) -> float:
     """Reflectivity at (u, v), the texture interpolated bilinearly and repeated."""
     if s.texture[k] < 0:
         return float(s.reflectivity[k])
-    side = s.textures.shape[1]
-    x = (u / s.period[k, 0] + 0.5) * side - 0.5
-    y = (0.5 - v / s.period[k, 1]) * side - 0.5
+    image = s.textures[s.texture[k]]
+    return float(s.reflectivity[k] * _at(image, u / s.period[k, 0], v / s.period[k, 1]))
+
+
+@_jit
+def _at(image, u: float, v: float) -> float:  # type: ignore[no-untyped-def]
+    """A square picture that spans −½ to ½, interpolated bilinearly and repeated; v up."""
+    side = image.shape[0]
+    x, y = (u + 0.5) * side - 0.5, (0.5 - v) * side - 0.5
     column, row = int(np.floor(x)), int(np.floor(y))
     fx, fy = x - column, y - row
     c0, c1, r0, r1 = column % side, (column + 1) % side, row % side, (row + 1) % side
-    image = s.textures[s.texture[k]]
     top = image[r0, c0] * (1 - fx) + image[r0, c1] * fx
     bottom = image[r1, c0] * (1 - fx) + image[r1, c1] * fx
-    return float(s.reflectivity[k] * (top * (1 - fy) + bottom * fy))
+    return float(top * (1 - fy) + bottom * fy)
+
+
+@_jit
+def _climb(s: Packed, k: int, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
+    """Where a ray meets a plate's relief: (t, cosine to the normal); the plane's own where there is none."""
+    t = -oz / dz
+    if s.relief[k] < 0:
+        return t, abs(dz)
+    image, width, height = s.heights[s.relief[k]], 2 * s.size[k, 0], 2 * s.size[k, 2]
+    for _ in range(CLIMBS):
+        t = (_at(image, (ox + t * dx) / width, (oy + t * dy) / height) - oz) / dz
+    u, v, step = (ox + t * dx) / width, (oy + t * dy) / height, 0.5 / image.shape[0]
+    across = (_at(image, u + step, v) - _at(image, u - step, v)) / (2 * step * width)
+    along = (_at(image, u, v + step) - _at(image, u, v - step)) / (2 * step * height)
+    return t, abs(dz - across * dx - along * dy) / np.sqrt(1 + across * across + along * along)
 
 
 @_jit
 def _hit_flat(s: Packed, k: int, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
-    t = -oz / dz
+    t, cosine = _climb(s, k, ox, oy, oz, dx, dy, dz)
     if not t > NEAREST:
         return np.inf, 0.0, 0.0, 0.0
     u, v = ox + t * dx, oy + t * dy
@@ -66,7 +89,7 @@ def _hit_flat(s: Packed, k: int, ox, oy, oz, dx, dy, dz):  # type: ignore[no-unt
             return np.inf, 0.0, 0.0, 0.0
     if _is_open(s, k, u, v):
         return np.inf, 0.0, 0.0, 0.0
-    return t, u, v, abs(dz)
+    return t, u, v, cosine
 
 
 @_jit

@@ -1,6 +1,7 @@
 """Surfaces with reflectivity, in stage axes (x right, y down, z forward), metres.
 
-Every surface is matt (Lambertian), seen from both sides, and may have a lattice of holes and a texture.
+Every surface is matt (Lambertian), seen from both sides, and may have a lattice of holes and a texture; a
+plate may have a relief.
 """
 
 from collections.abc import Sequence
@@ -20,7 +21,8 @@ class Packed(NamedTuple):
     `size` is (lower half width, upper half width, half height, lean) of a plate, (radius, –, –, –) of a disc
     or sphere, (lower radius, upper radius, half height, –) of a frustum. The lean of a plate is how far the
     middle of its upper edge lies to the right of the middle of its lower one. `radius` bounds the surface;
-    `texture` counts in `textures`, −1 = none; `hole` is 0 = none, `ROUND` or `RECTANGULAR`.
+    `texture` counts in `textures`, −1 = none; `hole` is 0 = none, `ROUND` or `RECTANGULAR`; `relief` counts
+    in `heights`, −1 = none.
     """
 
     kind: NDArray[np.int64]
@@ -36,6 +38,8 @@ class Packed(NamedTuple):
     opening: NDArray[np.float64]
     extent: NDArray[np.float64]
     textures: NDArray[np.float32]
+    relief: NDArray[np.int64]
+    heights: NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -69,6 +73,18 @@ class Texture:
 
 
 @dataclass(frozen=True)
+class Relief:
+    """Heights over a plate, along its normal; the picture covers the plate once.
+
+    Attributes:
+        heights: (S, S) float32 metres, row 0 on top; every relief of a scene has the same size. They are
+            found along a ray by a fixed point, so slopes have to stay well below 1.
+    """
+
+    heights: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
 class Surface:
     """One surface; make it with `plate`, `triangle`, `disc`, `sphere` or `frustum`."""
 
@@ -79,6 +95,7 @@ class Surface:
     axes: NDArray[np.float64] = field(default_factory=lambda: facing((0.0, 0.0, -1.0)))
     holes: Holes | None = None
     texture: Texture | None = None
+    relief: Relief | None = None
 
     def turned(self, rotation: NDArray[np.float64], about: ArrayLike) -> Self:
         """The surface turned by a (3, 3) rotation about a point."""
@@ -91,7 +108,8 @@ class Surface:
         first, second, half, lean = self.size
         if self.kind in (DISC, SPHERE):
             return first
-        return float(np.hypot(max(first, second) + abs(lean) / 2, half))
+        flat = float(np.hypot(max(first, second) + abs(lean) / 2, half))
+        return flat if self.relief is None else flat + float(np.abs(self.relief.heights).max())
 
 
 def facing(normal: ArrayLike, up: ArrayLike = (0.0, -1.0, 0.0)) -> NDArray[np.float64]:
@@ -114,11 +132,12 @@ def plate(
     up: ArrayLike = (0.0, -1.0, 0.0),
     holes: Holes | None = None,
     texture: Texture | None = None,
+    relief: Relief | None = None,
 ) -> Surface:
     """A flat trapezium: `width` at the bottom and at the top where two are given (0 on top = a triangle)."""
     bottom, top = width if isinstance(width, tuple) else (width, width)
     size = (bottom / 2, top / 2, height / 2, 0.0)
-    return Surface(PLATE, _point(centre), size, reflectivity, facing(normal, up), holes, texture)
+    return Surface(PLATE, _point(centre), size, reflectivity, facing(normal, up), holes, texture, relief)
 
 
 def triangle(
@@ -196,6 +215,8 @@ class Scene:
         drawn = [s.texture for s in every if s.texture is not None]
         images = list({id(texture.image): texture.image for texture in drawn}.values())
         number = {id(image): index for index, image in enumerate(images)}
+        raised = [s.relief.heights for s in every if s.relief is not None]
+        order = np.cumsum([s.relief is not None for s in every]) - 1
         holes = [s.holes if s.holes is not None else _NO_HOLES for s in every]
         shapes = [0 if s.holes is None else ROUND if s.holes.round else RECTANGULAR for s in every]
         return Packed(
@@ -214,6 +235,8 @@ class Scene:
             opening=np.array([h.opening for h in holes]),
             extent=np.array([h.extent for h in holes]),
             textures=np.stack(images).astype(np.float32) if images else np.ones((1, 2, 2), np.float32),
+            relief=np.array([-1 if s.relief is None else order[k] for k, s in enumerate(every)], np.int64),
+            heights=np.stack(raised).astype(np.float32) if raised else np.zeros((1, 2, 2), np.float32),
         )
 
 

@@ -39,6 +39,50 @@ def stripes(count: int, dark: float) -> Image:
     return np.broadcast_to(np.where(index % 2 == 0, 1.0, dark), (SIDE, SIDE)).astype(np.float32)
 
 
+def patches(count: int, dark: float, seed: int) -> Image:
+    """`count` irregular patches (the cells of random points), their factors spread evenly from `dark` to 1 in
+    logarithm; periodic."""
+    rng = np.random.default_rng(seed)
+    points, factors = rng.random((count, 2)) * SIDE, dark ** rng.permutation(np.linspace(0, 1, count))
+    index = np.arange(SIDE) + 0.5
+    away = np.full((SIDE, SIDE), np.inf)
+    out = np.ones((SIDE, SIDE))
+    for (row, column), factor in zip(points, factors, strict=True):
+        down, right = (np.abs(index - place) for place in (row, column))
+        down, right = np.minimum(down, SIDE - down), np.minimum(right, SIDE - right)
+        square = down[:, None] ** 2 + right[None] ** 2
+        out[square < away] = factor
+        away = np.minimum(away, square)
+    return out.astype(np.float32)
+
+
+def text(dark: float, dot: int, seed: int) -> Image:
+    """Lines of text on white: letters of 5 × 7 dots, each `dot` texels, about half of them printed."""
+    rng = np.random.default_rng(seed)
+    cells = SIDE // dot
+    ink = rng.random((cells, cells)) < 0.5
+    ink[7::9], ink[8::9], ink[:, 5::6] = False, False, False
+    every = np.minimum(np.arange(SIDE) // dot, cells - 1)
+    return np.where(ink[every][:, every], dark, 1.0).astype(np.float32)
+
+
+def waves(height: float, seed: int, finest: float) -> Image:
+    """Smooth irregular heights, metres, for a relief: a periodic random field.
+
+    Args:
+        height: its standard deviation.
+        seed: of the pattern.
+        finest: the deviation of the Gaussian that smooths it, in sides of the picture.
+    """
+    rng = np.random.default_rng(seed)
+    square = np.fft.fftfreq(SIDE)[:, None] ** 2 + np.fft.fftfreq(SIDE)[None] ** 2
+    spectrum = np.fft.fft2(rng.standard_normal((SIDE, SIDE)))
+    image = np.fft.ifft2(spectrum * np.exp(-2 * square * (np.pi * finest * SIDE) ** 2)).real
+    image -= image.mean()
+    heights: Image = (height * image / image.std()).astype(np.float32)
+    return heights
+
+
 def label(dark: float) -> Image:
     """A parcel's printed side: a black panel with letters left white, a frame and a bar code."""
     import cv2

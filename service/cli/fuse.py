@@ -32,7 +32,7 @@ def fuse(
     method: Annotated[Method | None, typer.Option(help="Which fusion.", show_default="auto")] = None,
     upsampling: Annotated[int | None, typer.Option(min=1, max=16, help="β.", show_default="4")] = None,
     regularization: Annotated[
-        str | None, typer.Option(help="λ, metres (phasor: median amplitudes), or auto.", show_default="auto")
+        str | None, typer.Option(help="λ, metres (phasor: a factor, 1 = auto), or auto.", show_default="auto")
     ] = None,
     frames: Annotated[
         int | None,

@@ -88,23 +88,3 @@ def misfit(rank, size, x, weight, mean, sums):  # type: ignore[no-untyped-def]
         for j in range(n):
             value += w[j] * (a[j] - m[j]) * (a[j] - m[j])
         sums[row] = value
-
-
-@njit(nogil=True, cache=True)
-def extremes(rank, size, distance, sigma, most, positions, low, high):  # type: ignore[no-untyped-def]
-    """Least and largest sample (N, H, W) over each low-resolution pixel, into low and high (H, W).
-
-    Samples that are NaN or deviate by more than `most` are left out; threads share out rows as in `scatter`.
-    """
-    frames, rows, columns = distance.shape
-    top, end = rank * rows // size, (rank + 1) * rows // size
-    for k in range(frames):
-        for i in range(rows):
-            for j in range(columns):
-                u = _under(positions[k, i, j, 0], 1.0, top, end)
-                if u < 0 or not sigma[k, i, j] <= most or np.isnan(distance[k, i, j]):
-                    continue
-                v = _under(positions[k, i, j, 1], 1.0, 0, columns)
-                if v >= 0:
-                    low[u, v] = min(low[u, v], distance[k, i, j])
-                    high[u, v] = max(high[u, v], distance[k, i, j])

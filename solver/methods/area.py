@@ -27,6 +27,10 @@ _NOISE, _CLEAN = 15.0, 0.0006
 relief (see `solver.noise`): the scene's range in its place costs a detailed object an eighth of its squared
 error, or the recorded scenes 6 % of their mean absolute error."""
 
+_MIXING = 0.02
+"""Of the scene's range, where an ambiguity range says that samples average phasors: what the average of
+distances errs by counts as noise. Without it, a quarter of the noise raises thin things' error by 13 %."""
+
 _SMOOTH = 0.01
 """Of the scene's range, the least relief: a scene without edges is not smoothed without bounds."""
 
@@ -76,7 +80,8 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     strength, middle = trail.unit.scale, trail.unit.offset
     distance = cropped(outcome.state.x, problem.fused_shape)[0] * np.float32(strength) + np.float32(middle)
     if problem.consensus is not None:
-        problem.consensus.limit(distance, problem.usual_deviation if problem.noise else 0.0)
+        deviation = problem.usual_deviation if problem.noise else 0.0
+        problem.consensus.limit(distance, deviation, mixed=problem.ambiguity_range is not None)
     return Solution(
         distance,
         None,
@@ -148,6 +153,8 @@ def _strength(problem: Problem, used: NDArray[np.bool_]) -> float:
     if problem.options.regularization != "auto":
         return float(problem.options.regularization)
     noise, extent = problem.usual_deviation, problem.spread
+    if problem.ambiguity_range is not None:
+        noise = float(np.hypot(noise, _MIXING * extent))
     scale = max(float(np.abs(problem.distance[used]).max()), float(np.finfo(np.float32).tiny))
     if extent <= 1e-6 * scale:
         return max(noise, 1e-6 * scale)

@@ -7,13 +7,14 @@ from numpy.typing import NDArray
 
 from solver.errors import RegistrationError
 from solver.registration.equations import POSITION_ERROR, Equations, normal_equations
+from solver.registration.fit import FITS, STANDS_OUT, SUSPECT, misfits
 from solver.registration.grid import Grid, Place
 from solver.registration.misfit import Misfit
 from solver.registration.mosaic import Mosaic, resampled
 from solver.registration.motion import Motion
 from solver.registration.points import Points
 from solver.registration.samples import Samples
-from solver.registration.start import find_start
+from solver.registration.start import find_start, seek_shifts, start_at
 from solver.registration.steepness import finer_blocks, steep_blocks
 from solver.registration.steps import solve_steps
 from solver.registration.sums import COLD, Sums
@@ -23,7 +24,6 @@ Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 FEWEST = 0.05  # share of valid pixels under which a frame cannot be placed
-OVERLAP = 0.3  # share of a frame's pixels that the other frames must cover
 STEP = 0.03  # pixels; the next step would be a fifth of it
 RELAXATION = 1.2  # a step against the common mosaic falls short, as each frame is part of it
 COARSE_STEP = 0.2  # pixels; the finer level goes on
@@ -79,38 +79,70 @@ class Alignment:
     def align(self) -> None:
         """Place all frames; reject those that do not fit.
 
-        A guess that no search improves is refined at once; only where a frame then does not fit is each
-        aligned with the reference first.
+        A guess that no search improves is refined at once, and so is one with which every frame then fits to
+        its noise, whatever a search finds: texture that repeats looks alike in other places too. Only where a
+        frame does not fit is each aligned with the reference first; and one that still does not is looked
+        for pixel by pixel before it is rejected.
         """
         found = self._searched(self.guided)
         trusted = self.guided and bool((found == self.guess).all())
+        if self.guided and not trusted:
+            equations = self._align_together()
+            if not self._misfits(equations) and equations.misfit[self.active].max() < FITS:
+                return
         if not trusted:
             self._align_with_reference(found)
-        for _ in range(3):  # rejecting a frame changes the mosaic, so the rest is refined again
+        sought = False
+        for _ in range(5):  # rejecting a frame changes the mosaic, so the rest is refined again
             equations = self._align_together()
-            misfits = self._misfits(equations)
-            if not misfits:
+            wrong = self._misfits(equations)
+            if not sought and not trusted:
+                sought = True
+                equations = self._sought(equations)
+                wrong = self._misfits(equations)
+            if not wrong:
                 return
             if trusted:
                 trusted = False
                 self._align_with_reference(found)
             else:
-                self._reject(misfits)
+                self._reject(wrong)
+
+    def _sought(self, equations: Equations) -> Equations:
+        """Have frames that may lie elsewhere looked for; the equations of the places that fit better."""
+        suspects = list(self._misfits(equations, SUSPECT if not self.guided else STANDS_OUT))
+        if not suspects:
+            return equations
+        kept = self.parameters.copy()
+        self._seek(suspects)
+        again = self._align_together()
+        if again.misfit[suspects].mean() < equations.misfit[suspects].mean():
+            return again
+        self.parameters = kept
+        return equations
+
+    def _seek(self, frames: list[int]) -> None:
+        """Start frames anew from where they resemble the reference most, at full resolution."""
+        shifts = seek_shifts(self.levels[0], self.reference, frames)
+        self.parameters[frames] = start_at(shifts, self.levels[0].shape, self.motion)
 
     def _align_with_reference(self, start: Float) -> None:
         """Refine each frame against the reference alone; search anew where a guess was wrong."""
         self.parameters = start
         equations = self._refine_pairwise()
-        misfits = self._misfits(equations)
-        if self.guided and misfits:
+        wrong = self._misfits(equations)
+        if self.guided and wrong:
             kept = self.parameters
             self.parameters = self._searched(guided=False)
             again = self._refine_pairwise()
             better = np.zeros(self.count, dtype=bool)
-            better[list(misfits)] = again.misfit[list(misfits)] < equations.misfit[list(misfits)]
+            better[list(wrong)] = again.misfit[list(wrong)] < equations.misfit[list(wrong)]
             self.parameters = np.where(better[:, None], self.parameters, kept)
-            misfits = {k: why for k, why in misfits.items() if not better[k]}
-        self._reject(misfits)
+            wrong = {k: why for k, why in wrong.items() if not better[k]}
+        if wrong:
+            self._seek(list(wrong))
+            still = self._misfits(self._refine_pairwise())
+            self._reject({k: why for k, why in still.items() if k in wrong})
 
     def _align_together(self) -> Equations:
         """Refine all frames against their common mosaic, coarse to fine, where the coarser one is steep.
@@ -225,23 +257,10 @@ class Alignment:
         before, self.parameters = self.parameters, self.motion.relative(moved, self.reference)
         return float(np.abs((self.parameters - before) / unit)[self.active].max())
 
-    def _misfits(self, equations: Equations) -> dict[int, str]:
-        """Reason by number for the frames that stand out."""
-        found: dict[int, str] = {}
+    def _misfits(self, equations: Equations, most: float = STANDS_OUT) -> dict[int, str]:
         others = self.active
         others[self.reference] = False
-        usual = float(np.median(equations.misfit[others])) if others.any() else 0.0
-        for k in np.flatnonzero(others):
-            overlap, misfit = equations.overlap[k], equations.misfit[k]
-            if overlap < OVERLAP:
-                found[int(k)] = (
-                    f"overlaps the other frames by {100 * overlap:.0f} %; {100 * OVERLAP:.0f} % are needed"
-                )
-            elif misfit > max(1.5, 1.6 * usual) and not misfit < 1.2 * usual:
-                found[int(k)] = (
-                    f"does not fit the other frames: residual {misfit:.1f} deviations, {usual:.1f} is usual"
-                )
-        return found
+        return misfits(equations, others, most)
 
     def _reject(self, found: dict[int, str]) -> None:
         self.rejected |= found

@@ -41,13 +41,20 @@ def find_start(
         centre = np.zeros_like(centre)
         found = search_shifts(coarse, reference, centre, (max(1, height // 4), max(1, width // 4)))
     if turn is None:
-        return np.column_stack([found, np.zeros(len(guess))])
+        return start_at(found, shape, motion)
     moved = (found != centre).any(axis=1)
     start = guess.copy()
     if not moved.any():
         return start
-    start[moved] = shifts_to_rotations(found[moved], shape, turn.intrinsics, turn.lens)
+    start[moved] = start_at(found[moved], shape, turn)
     return start
+
+
+def start_at(shifts: NDArray[np.float64], shape: tuple[int, int], motion: Motion) -> NDArray[np.float64]:
+    """Parameters (N, 3) of the motion for displacements (N, 2) in full-resolution pixels."""
+    if isinstance(motion, Turn):
+        return shifts_to_rotations(shifts, shape, motion.intrinsics, motion.lens)
+    return np.column_stack([shifts, np.zeros(len(shifts))])
 
 
 def search_shifts(
@@ -71,6 +78,20 @@ def search_shifts(
     best = _search(samples.values, samples.weights, reference, middle, radius[0], radius[1], better)
     moved = best != 0
     return np.where(moved, (middle + best) * factor, centre).astype(np.float64)
+
+
+def seek_shifts(samples: Samples, reference: int, frames: list[int]) -> NDArray[np.float64]:
+    """Displacements (frames, 2) from the reference, sought pixel by pixel up to a quarter of the image away.
+
+    Slower by far than pooled images, in which what repeats in small looks alike.
+    """
+    chosen = [reference, *frames]
+    values = np.ascontiguousarray(samples.values[:, chosen])
+    height, width = samples.shape
+    radius = max(1, height // 4), max(1, width // 4)
+    nowhere = np.zeros((len(chosen), 2), np.int64)
+    found = _search(values, samples.weights[chosen], 0, nowhere, radius[0], radius[1], 1.0)
+    return np.asarray(found[1:], np.float64)
 
 
 @numba.njit(cache=True)

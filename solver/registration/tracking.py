@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solver.errors import RegistrationError
-from solver.registration.alignment import ALIASED, DENSITY, FEWEST, OVERLAP, SMOOTHING
+from solver.registration.alignment import ALIASED, DENSITY, FEWEST, SMOOTHING
 from solver.registration.equations import POSITION_ERROR, Equations, normal_equations
 from solver.registration.fading import FadingSums
+from solver.registration.fit import OVERLAP
 from solver.registration.grid import Grid
 from solver.registration.misfit import Misfit
 from solver.registration.mosaic import Mosaic, halved

@@ -4,7 +4,7 @@ One table: for each method with a λ, each scene and noise level, the errors at 
 from an eighth to eight times that λ (each measure's own), and their ratio; errors are means over the seeds.
 The built-in object and, where the file is at hand, the scanned figure come by the paper's protocol, in units
 of its depth (0..182). The recordings in `recordings/` come as they are and with four times their noise; their
-errors are in mm, their λ in m (`phasor`: median amplitudes). Displacements are estimated, once per burst.
+errors are in mm, their λ in m (`phasor`: a factor). Displacements are estimated, once per burst.
 """
 
 import argparse

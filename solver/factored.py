@@ -1,0 +1,194 @@
+"""Amplitude and distance apart: Z = exp(l + iφ), each with a heavy-tailed penalty of its own.
+
+    E(l, φ) = ½ s Σ_k ‖y_k − A_k Z‖² + Σ_pairs w κ_l log(1 + (Δl / δ_l)²)
+                                      + Σ_pairs w κ_φ log(1 + ((Δφ − tilt) / δ_φ)²) / (1 + (Δl / e)²)
+
+over pairs of neighbours, w one over their distance, s the inverse of the variance of a sample's component, so
+that the first sum is the true log-likelihood: its weight grows with N and falls with the noise by itself. The
+tilt is what the slope of the surroundings foretells (see `solver.slope`). Print changes l and leaves φ; a
+pair's tail ties along an edge and frees across it. Where the amplitude steps, a step of the distance is more
+likely, so its penalty is eased: else a dark thing is drawn to what is bright around it.
+
+It is not convex. The penalties lie under quadratics that touch them at the present state (see
+`kernels.pairs`); the slope and the easing are held; and Z moves by Z exp x, which is linear in x for small
+ones: Gauss–Newton, solved by conjugate gradients (see `kernels.newton`). The δ begin wide, which is nearly
+quadratic, and are sharpened step by step (graduated non-convexity; Blake, Zisserman, "Visual
+Reconstruction", 1987).
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.footprint import AreaTerm
+from solver.kernels import newton, pairs, team
+from solver.kernels.prior import PAD
+from solver.options import NEIGHBOURHOOD, Offset
+from solver.padding import padded
+from solver.slope import slope
+
+Image = NDArray[np.floating]
+
+MODEL = 0.003
+"""What the model errs by, in units of the RMS amplitude: it bounds s where there is hardly any noise."""
+
+_LOG, _LOG_STEP, _LOG_BLUNT = 0.15, 0.05, 0.5
+"""κ_l and δ_l, and the power of the bluntness that δ_l is widened by."""
+
+_PHASE, _PHASE_STEP = 0.3, 0.004
+"""κ_φ, and δ_φ in metres at the usual ambiguity range of 7.5 m: it is an angle."""
+
+_CALM = 0.0036
+"""Deviation of |Z| where κ are as they stand; they go with its inverse root: measured, half of them are best
+at four times the noise, twice as much at a quarter."""
+
+_EASE = 0.7
+"""e, of the logarithm: a step of the amplitude by a factor of two halves the penalty."""
+
+_USUAL = 2 * np.pi / 7.5
+_EDGE = 0.02 * _USUAL
+"""Rise of φ from one fused pixel to the next from which it is an edge and has no say in the slope."""
+
+_REACH = 2.0
+"""Low-resolution pixels over which the slope is averaged: half as many let its noise through, a quarter more
+on flat walls."""
+
+_FAINTEST = 0.03
+"""The least |Z| at most, in units of the RMS amplitude: below some least one l would run away to −∞."""
+
+_NOUGHT = 0.5
+"""The least |Z| in units of its noise, well below what can be told from nothing."""
+
+_TELLING = 20.0
+"""Deviations that |Z| should have to tell a distance of its own, for amplitude steps to ease the penalty;
+with 8, the rims of things before nothing, lit by half, and dots of a thirtieth of the light go astray."""
+
+_MOST = np.array([0.7, 0.3])
+"""By how much l and φ may move in one step: the linearisation holds for less than 1."""
+
+_LEVEL = 3
+"""Steps after which the slope counts: before, edges are too blunt to be told from slopes."""
+
+_SOLVED = 1e-8
+"""Part of the residual's preconditioned square at which a step's equations are solved."""
+
+
+_DOUBT, _ERRING = 5.0, 0.1
+"""Deviations and RMS amplitudes that a sample may differ from the map that has its edges."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One step: factor on δ, and the most rounds of conjugate gradients."""
+
+    blunt: float
+    rounds: int
+
+
+def schedule(steps: int, falling: int, rounds: int) -> tuple[Step, ...]:
+    """From 150 times δ, 0.6 m, to δ in so many falling steps, and the others at δ."""
+    return tuple(Step(150 ** (1 - min(1.0, number / falling)), rounds) for number in range(steps))
+
+
+SCHEDULE = schedule(12, 8, 13)
+"""Measured: ten steps of nine rounds have a tenth more mean absolute error."""
+
+
+@dataclass(slots=True)
+class Factored:
+    """A map in the middle of the descent, all in units of the RMS amplitude.
+
+    Attributes:
+        term: the data, with values y; weights 0 or 1.
+        scale: the RMS amplitude.
+        weight: s.
+        noise: of |Z|, deviation, where all samples of a low-resolution pixel tell of it.
+        strength: factor on both κ, beside the one that the noise asks for.
+        neighbourhood: offsets of the pairs.
+        state: (2, rows + 4, columns + 4), l and φ, padded; z: its phasors.
+    """
+
+    term: AreaTerm
+    scale: float
+    weight: float
+    noise: float
+    strength: float = 1.0
+    neighbourhood: tuple[Offset, ...] = NEIGHBOURHOOD
+    state: Image = field(init=False)
+    z: Image = field(init=False)
+    _logs: tuple[Image, Image] = field(init=False)
+    _phases: tuple[Image, Image] = field(init=False)
+    _work: tuple[Image, ...] = field(init=False)
+    _bend: Image = field(init=False)
+    _reach: float = field(init=False)
+    _taken: int = field(init=False, default=0)
+
+    def __post_init__(self) -> None:
+        mean = self.term.mean()
+        length = np.hypot(mean[0], mean[1])
+        first = np.stack([np.log(np.maximum(length, self._least)), np.arctan2(mean[1], mean[0])])
+        self.state = padded(first.astype(np.float32))
+        shape = self.state.shape
+        images = np.zeros((4, 6, *shape[1:]), np.float32)
+        self._logs, self._phases = (images[0], images[1]), (images[2], images[3])
+        self._work = tuple(np.zeros(shape, np.float32) for _ in range(7))
+        self.z, self._bend = np.zeros(shape, np.float32), self.term.bend
+        self._reach = _REACH * self.term.factor
+        self._move(self._work[0])
+
+    @property
+    def _least(self) -> float:
+        return min(_FAINTEST, _NOUGHT * self.noise)
+
+    def descend(self, step: Step, limit: int) -> int:
+        """One step of Gauss–Newton; returns the rounds of conjugate gradients, at most `limit`, it took."""
+        x, pull, right, inverse, *more = self._work
+        level = self._taken < _LEVEL
+        tilt = np.zeros_like(self.state) if level else slope(self.state[1:], _EDGE, self._reach)[0]
+        self._weigh(tilt, step.blunt)
+        weight = np.float32(self.weight)
+        self.term.pull(self.z, weight, pull)
+        data = self.z, pull, self._bend, weight
+        team.share(pairs.assemble, *data, self._logs, self._phases, right, inverse)
+        x[:] = 0
+        sums, done = np.zeros((2, x.shape[1] - 2 * PAD)), np.zeros(1, np.int64)
+        operator = self.z, self.term.stencil, weight, self._logs[0], self._phases[0], inverse
+        images = right, x, tuple(more)
+        team.run(newton.descend, min(step.rounds, limit), _SOLVED, *operator, *images, sums, done)
+        self._move(x)
+        self._taken += 1
+        return int(done[0])
+
+    def _weigh(self, tilt: Image, blunt: float) -> None:
+        laws = self._laws(blunt)
+        team.share(pairs.weigh, self.state, self.z, tilt, *laws, *self._logs, *self._phases)
+
+    def _laws(self, blunt: float) -> tuple[NDArray[np.float64], tuple[float, ...], tuple[float, ...]]:
+        factors = [float(o in self.neighbourhood) / np.hypot(*o) for o in NEIGHBOURHOOD]
+        gain = self.strength * float(np.sqrt(_CALM / self.noise))
+        logs = gain * _LOG, _LOG_STEP * blunt**_LOG_BLUNT
+        phases = gain * _PHASE, _PHASE_STEP * _USUAL * blunt, 1 / _EASE**2, (_TELLING * self.noise) ** 2
+        return np.array(factors), logs, phases
+
+    def _move(self, x: Image) -> None:
+        team.share(pairs.advance, x, _MOST, np.log(self._least), self.state, self.z)
+
+    def distrust(self) -> None:
+        """Weigh down samples that the map does not explain: deconvolution would fit them by swings."""
+        deviation = float(np.sqrt(max(0.0, 1 / self.weight - MODEL**2)))
+        self.term.distrust(self.z, _DOUBT * deviation, _ERRING)
+
+    def objective(self) -> float:
+        """E, with the penalties' true values at full sharpness, the slope as it is now."""
+        sums = np.zeros(self.state.shape[1] - 2 * PAD)
+        tilt = slope(self.state[1:], _EDGE, self._reach)[0]
+        team.share(pairs.cost, self.state, self.z, tilt, *self._laws(1.0), sums)
+        return 0.5 * self.weight * self.term.value(self.z) + float(sums.sum())
+
+    def information(self) -> Image:
+        """(rows, columns): the inverse variance of φ, from the data at hand and the ties of the last step."""
+        out = np.empty(self.term.shape[1:], np.float32)
+        data = self.z, self.term.curvature, np.float32(self.weight)
+        team.share(pairs.informed, *data, self._phases[0], out)
+        return out

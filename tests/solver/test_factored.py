@@ -1,0 +1,189 @@
+"""`phasor` on scenes of many kinds: print, thin bars, dark things, no return, better data."""
+
+import numba
+import numpy as np
+import pytest
+
+from solver import Fused, FusionOptions, fuse
+from solver.factored import SCHEDULE, Factored, Step
+from solver.footprint import AreaTerm
+from solver.options import Footprint
+from solver.positions import sample_positions
+
+RANGE, RAYS, MARGIN = 7.5, 8, 3
+NOISE = 25.0  # counts, of each component
+Y, X = (
+    (np.arange((24 + 2 * MARGIN) * RAYS) + 0.5) / RAYS - MARGIN - 0.5,
+    (np.arange((28 + 2 * MARGIN) * RAYS) + 0.5) / RAYS - MARGIN - 0.5,
+)
+ROW, COLUMN = np.meshgrid(Y, X, indexing="ij")
+
+
+class Scene:
+    """24 × 28 pixels of a field of distance (m) and light (counts), 8 × 8 rays each."""
+
+    def __init__(self, distance, light, frames=12, noise=1.0, seed=0):
+        rng = np.random.default_rng(seed)
+        field = light * np.exp(2j * np.pi * distance / RANGE) * np.ones_like(ROW)
+        self.truth = self._cut(np.broadcast_to(distance, ROW.shape), 4)
+        steps = rng.integers(-12, 13, (frames, 2))
+        steps[0] = 0
+        self.shifts = steps / RAYS
+        stack = []
+        for down, right in steps:
+            top, left = MARGIN * RAYS + down, MARGIN * RAYS + right
+            part = field[top : top + 24 * RAYS, left : left + 28 * RAYS]
+            stack.append(part.reshape(24, RAYS, 28, RAYS).mean(axis=(1, 3)))
+        noises = rng.normal(size=(2, frames, 24, 28))
+        phasors = np.array(stack) + noise * NOISE * (noises[0] + 1j * noises[1])
+        self.distance = np.mod(np.angle(phasors), 2 * np.pi) * RANGE / (2 * np.pi)
+        self.amplitude = np.abs(phasors)
+        self.noise = noise * NOISE * RANGE / (2 * np.pi)
+
+    @staticmethod
+    def _cut(field, factor):
+        """The middle ray of each fused pixel."""
+        step, edge = RAYS // factor, MARGIN * RAYS
+        return field[edge : edge + 24 * RAYS, edge : edge + 28 * RAYS][step // 2 :: step, step // 2 :: step]
+
+    def fused(self, method="phasor", **options) -> Fused:
+        return fuse(
+            self.distance,
+            self.amplitude,
+            shifts=self.shifts,
+            ambiguity_range=RANGE,
+            noise=self.noise,
+            options=FusionOptions(method=method, **options),
+        )
+
+    def rms(self, method="phasor") -> float:
+        return float(np.sqrt(np.nanmean((self.fused(method).distance - self.truth) ** 2)))
+
+
+def dots(contrast):
+    """Dots of 0.8 pixels, half of them dark."""
+    ink = np.random.default_rng(3).random((60, 60)) < 0.5
+    cells = ink[np.floor(ROW / 0.8).astype(int) + 20, np.floor(COLUMN / 0.8).astype(int) + 20]
+    return np.where(cells, 3000 / contrast, 3000)
+
+
+@pytest.mark.parametrize(("contrast", "most"), [(1.0, 1.5e-3), (3.0, 1.8e-3), (10.0, 3e-3)])
+def test_print_on_a_flat_wall_stays_flat(contrast, most):
+    scene = Scene(np.full_like(ROW, 2.0), dots(contrast))
+    assert scene.rms() < most
+    assert scene.rms() < 0.25 * scene.rms("nearest")
+
+
+def test_a_dark_thing_before_a_bright_wall_stands_where_it_is():
+    """It returns a twentieth of the wall's light, six times the noise of a sample."""
+    inside = (np.abs(ROW - 12) < 4) & (np.abs(COLUMN - 14) < 5)
+    scene = Scene(np.where(inside, 2.0, 2.4), np.where(inside, 150.0, 3000.0))
+    error = np.abs(scene.fused().distance - scene.truth)
+    assert error[40:56, 44:72].mean() < 0.045
+    assert error.mean() < 0.02
+
+
+def test_slanted_bars_of_one_pixel_keep_their_relief():
+    bars = np.mod((COLUMN + ROW) / np.sqrt(2), 4) < 1
+    scene = Scene(np.where(bars, 2.0, 2.3), np.full_like(ROW, 3000.0))
+    found, front = scene.fused().distance, scene.truth < 2.15
+    assert found[~front].mean() - found[front].mean() > 0.8 * 0.3
+
+
+def test_where_nothing_comes_back_nothing_is_known_beyond_fill():
+    inside = (ROW - 12) ** 2 + (COLUMN - 10) ** 2 < 36
+    scene = Scene(np.full_like(ROW, 2.0), np.where(inside, 2500.0, 0.0))
+    fused = scene.fused(fill=2.0)
+    rows, columns = (np.arange(96) + 0.5) / 4 - 0.5, (np.arange(112) + 0.5) / 4 - 0.5
+    radius = np.hypot(rows[:, None] - 12, columns - 10)
+    assert np.abs(fused.distance[radius < 5.8] - 2.0).max() < 0.02
+    assert np.isnan(fused.distance[radius > 9.5]).mean() > 0.95
+    unknown = np.isnan(fused.distance)
+    assert (fused.reason[unknown] == 2).all()
+    assert (fused.reason[~unknown] <= 1).all()
+    assert (fused.reason[radius < 5] == 0).all()
+
+
+def test_what_is_unknown_says_why():
+    scene = Scene(np.full_like(ROW, 2.0), np.full_like(ROW, 3000.0))
+    scene.shifts = scene.shifts * 0
+    scene.distance[:, :10] = np.nan
+    scene.amplitude[:, :5] = 60000.0
+    scene.amplitude[:, 5:10] = 3.0
+    reason = scene.fused(fill=1.0).reason
+    assert (reason[:16] == 3).all()
+    assert (reason[24:34] == 2).all()
+    assert (reason[44:] == 0).all()
+    scene.shifts[:, 1] = 8.0
+    scene.shifts[0] = 8.0
+    assert (scene.fused(fill=1.0).reason[44:, :20] == 5).all()
+
+
+@pytest.mark.parametrize("noise", [0.5, 1.0])
+def test_truth_lies_within_one_deviation_as_often_as_it_should(noise):
+    random = np.random.default_rng(7)
+    light = 3000 * np.repeat(np.repeat(random.uniform(0.2, 1, (30, 34)), 8, axis=0), 8, axis=1)
+    distance = 2 + 0.03 * np.sin(ROW / 5) * np.cos(COLUMN / 6) + np.where(COLUMN < 6, 0.4, 0)
+    scene = Scene(distance, light, noise=noise)
+    fused, away = scene.fused(), slice(36, None)
+    error = np.abs(fused.distance - scene.truth)
+    assert 0.5 < (error <= fused.deviation)[:, away].mean() < 0.87
+    assert (error <= 2 * fused.deviation)[:, 24:32].mean() > 0.8
+
+
+def test_better_data_do_not_make_a_map_worse():
+    random = np.random.default_rng(5)
+    distance = np.where((ROW - 12) ** 2 + (COLUMN - 14) ** 2 < 40, 2.0, 2.5)
+    light = 3000 * np.repeat(np.repeat(random.uniform(0.3, 1, (15, 17)), 16, axis=0), 16, axis=1)
+    usual = Scene(distance, light).rms()
+    assert Scene(distance, light, noise=0.25).rms() < 1.02 * usual
+    assert Scene(distance, light, frames=40).rms() < 1.02 * usual
+
+
+def test_a_numeric_strength_is_a_factor_of_which_one_is_auto():
+    scene = Scene(2.0 + 0.01 * COLUMN, np.full_like(ROW, 1000.0))
+    auto, one, strong = (scene.fused(regularization=r) for r in ("auto", 1.0, 20.0))
+    np.testing.assert_array_equal(auto.distance, one.distance)
+    assert auto.report.regularization == one.report.regularization == 1.0
+    assert auto.report.gap is None
+    assert np.std(np.diff(strong.distance, n=2)) < 0.7 * np.std(np.diff(auto.distance, n=2))
+
+
+def test_too_few_iterations_are_said_so():
+    scene = Scene(np.full_like(ROW, 2.0), np.full_like(ROW, 1000.0))
+    with pytest.warns(match="max_iterations"):
+        fused = scene.fused(max_iterations=20)
+    assert fused.report.iterations == 20
+    assert not fused.report.converged
+
+
+def course(scene):
+    phase = scene.distance * 2 * np.pi / RANGE
+    values = np.stack([np.cos(phase), np.sin(phase)]) * scene.amplitude / 3000
+    positions = sample_positions(scene.distance.shape, shifts=scene.shifts)
+    weights = np.ones(scene.distance.shape, np.float32)
+    term = AreaTerm(values.astype(np.float32), weights, positions, 4, Footprint(), margin=16)
+    return Factored(term, 3000.0, 1 / (NOISE / 3000) ** 2, NOISE / 3000 / 12**0.5)
+
+
+def test_sharp_steps_lower_the_objective():
+    scene = Scene(np.where(COLUMN < 14.2, 2.0, 2.5), dots(3.0))
+    descent = course(scene)
+    for step in SCHEDULE:
+        descent.descend(step, 1000)
+    before = descent.objective()
+    for _ in range(4):
+        descent.descend(Step(1.0, 40), 1000)
+    assert descent.objective() < before
+
+
+def test_any_number_of_threads_gives_the_same_bits():
+    scene = Scene(np.where(COLUMN < 14.2, 2.0, 2.5), dots(3.0))
+    states = []
+    for threads in (1, min(2, numba.config.NUMBA_NUM_THREADS)):
+        numba.set_num_threads(threads)
+        descent = course(scene)
+        for step in SCHEDULE[:4]:
+            descent.descend(step, 100)
+        states.append(descent.state.copy())
+    np.testing.assert_array_equal(*states)
