@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from service.capture.plan import make_plan
 
 from drivers.calibration import Calibration, Intrinsics, Mount
 from drivers.poses import relative_rotations
@@ -13,7 +14,6 @@ from drivers.simulation.render import Renderer
 from drivers.simulation.scene import Scene
 from drivers.simulation.sensor import GAIN, PHASE_NOISE
 from drivers.stage import Position
-from service.capture.plan import make_plan
 from service.config import PlanSection
 
 Image = NDArray[np.float32]
