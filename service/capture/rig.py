@@ -121,9 +121,14 @@ class Rig:
         return False
 
     def apply(self, settings: CameraSettings) -> None:
-        """Put settings in force, now and after every re-opening; raises as the camera."""
-        self.camera.settings = settings
-        self.settings = settings
+        """Put settings in force, now and after every re-opening; raises as the camera, as it was then."""
+        before = self.camera.settings
+        try:
+            self.camera.settings = settings
+        except InitialisationError:
+            self.camera.settings = before  # it may have taken some of them
+            raise
+        self.settings = self.camera.settings
 
     def wait(self, seconds: float, stopping: Callable[[], bool]) -> None:
         """Let time pass, until `stopping` becomes true."""

@@ -7,13 +7,12 @@ from contextlib import ExitStack, contextmanager, suppress
 from threading import Event as Flag
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
+from pydantic import BaseModel
 
 from drivers.errors import DeviceLostError, OperationError
 from drivers.frame import Frame
 from drivers.poses import camera_rotation
-from drivers.recording import Recording
+from drivers.recording import Recording, RecordingHead
 from drivers.settings import Capabilities
 from service.capture.control import Control
 from service.capture.head import head_of
@@ -22,7 +21,9 @@ from service.capture.played import recording_of, truth_of
 from service.capture.rig import Rig
 from service.capture.series import Recover
 from service.config.sections import Configuration
+from service.daemon.advance import Advance
 from service.daemon.agenda import Agenda
+from service.daemon.fusing import Fusing
 from service.daemon.heartbeat import Heartbeat
 from service.daemon.ledger import Ledger
 from service.daemon.logs import logged_events
@@ -30,12 +31,8 @@ from service.daemon.modes import Idle, Mode, Scanning, Streaming
 from service.daemon.monitor import Monitor
 from service.daemon.states import States
 from service.daemon.systemd import READY, STOPPING, notify
-from service.errors import InvalidStateError, ServiceError, UnavailableError
-from service.fusion.backlog import Backlog
-from service.fusion.job import Job
-from service.fusion.local import LocalExecutor
-from service.messages.events import DevicesOpened, Event, FrameCaptured, FusionFailed, HeadChanged, MapFused
-from service.messages.map import FusedMap
+from service.errors import InvalidStateError, UnavailableError
+from service.messages.events import DevicesOpened, Event, FrameCaptured, HeadChanged, ScanProgressed
 from service.messages.status import CommandCounts
 from service.sinks.bus import Bus
 
@@ -71,14 +68,9 @@ class Daemon:
         self.camera: Capabilities | None = None
         self.recording: Recording | None = None
         self.next_burst = 0
-        self._streams = 0
-        self._grid_moved = False
         self.grabber = Grabber(rig, configuration.camera.timeout, self.control, self._captured)
-        self._executor = LocalExecutor(
-            configuration.fusion, configuration.stream.window if configuration.start == "stream" else None
-        )
-        self.backlog = Backlog(self._executor, self._fused, self._failed, lossless=once)
-        self._truth: NDArray[np.float32] | None = None
+        self.fusing = Fusing(configuration, self.emit, lossless=once)
+        self._advance = Advance(lambda: self.planned, lambda: self.fusing.backlog.unfinished)
         self.mode: Mode | None = None
         self.command_counts: Callable[[], CommandCounts] = CommandCounts
 
@@ -95,11 +87,6 @@ class Daemon:
         return None if self.recording is None else self.recording.planned
 
     @property
-    def fusion_pid(self) -> int | None:
-        """Of the process that fuses."""
-        return self._executor.pid
-
-    @property
     def ending(self) -> bool:
         """Whether the mode at work shall end, between two bursts or frames."""
         return self.stop.is_set() or self.agenda.changing
@@ -108,6 +95,8 @@ class Daemon:
         """Note an event and hand it to the sinks."""
         self.ledger.note(event)
         self.bus.emit(event)
+        if (progress := self._advance.after(event)) is not None:
+            self.bus.emit(ScanProgressed(progress))
 
     def request(self, mode: ModeName) -> None:
         """Ask for another mode; it begins after the burst, or the frame, at work."""
@@ -123,20 +112,32 @@ class Daemon:
         mode.prepare()
         return self.agenda.ask(lambda: mode)
 
+    def reconfigure(self, **sections: BaseModel) -> None:
+        """Put other sections of the configuration in force; for the thread that owns the devices.
+
+        Raises:
+            PlanError: a plan out of reach; nothing has changed.
+        """
+        before = self.configuration
+        self.configuration = before.model_copy(update=sections)
+        try:
+            self.renew()
+        except BaseException:
+            self.configuration = before
+            raise
+
     def renew(self) -> None:
         """Have the mode at work begin anew with what is configured now; raises as `begin`."""
-        if self.mode is not None and not isinstance(self.mode, Idle) and not self.agenda.changing:
+        if self.mode is None or isinstance(self.mode, Idle) or self.agenda.changing:
+            Scanning(self).prepare()
+        else:
             self.begin(self.mode.anew())
-        self.emit(HeadChanged(head_of(self.configuration, self.rig, self._truth, self.planned)))
-
-    def next_stream(self) -> int:
-        """The number of a stream that begins."""
-        self._streams += 1
-        return self._streams
+        self._find_truth()
+        self.emit(HeadChanged(self._head()))
 
     def close(self) -> None:
         """End the process that fuses, whatever it does."""
-        self._executor.close()
+        self.fusing.close()
 
     def run(self) -> None:
         """Work until a recording ends, one pass is done, or `stop` is set.
@@ -151,8 +152,8 @@ class Daemon:
             stack.enter_context(self._open_rig())
             self.camera = self.rig.camera.capabilities
             self.recording = recording_of(self.rig.camera)
-            self._truth = truth_of(self.rig.camera, self.configuration.fusion.upsampling)
-            monitor = Monitor(self.rig, self.grabber.counts, self, self._executor, self.bus)
+            self._find_truth()
+            monitor = Monitor(self.rig, self.grabber.counts, self, self.fusing.executor, self.bus)
             mode = self._made(self.configuration.start)
             # Neither status nor log may come once the sinks are closed.
             with logged_events(self.emit), Heartbeat(monitor.beat):
@@ -207,30 +208,31 @@ class Daemon:
                 calibration=calibration,
                 frames=frames,
                 timestamp=self.rig.clock.now(),
-                head=head_of(settings, self.rig, self._truth, self.planned),
+                head=self._head(),
             )
         )
         camera_rotation(0.0, 0.0, calibration.mount)  # imports a good part of SciPy, once, before frames come
 
+    def _head(self) -> RecordingHead:
+        return head_of(self.configuration, self.rig, self.fusing.truth, self.planned)
+
+    def _find_truth(self) -> None:
+        upsampling, truth = self.configuration.fusion.upsampling, self.fusing.truth
+        if truth is None or truth.shape[0] != upsampling * self.rig.calibration.height:
+            self.fusing.truth = truth_of(self.rig.camera, upsampling)
+
     def _wait_ready(self) -> None:
-        """Wait until the kernels are compiled; raises `WorkerError` where the fusion was given up."""
         why = "the fusion loads its kernels; on its first run here it compiles them, for about two minutes"
         self.states.enter("starting", why)
-        while not self.stop.is_set():
-            try:
-                self._executor.ready.result(timeout=0.2)
-                return
-            except TimeoutError:
-                continue
+        self.fusing.wait_ready(self.stop)
 
     def _finish(self) -> None:
-        self.states.enter("stopping", "told to stop" if self.stop.is_set() else "all is captured")
+        told = self.stop.is_set()
+        self.states.enter("stopping", "told to stop" if told else "all is captured")
         notify(STOPPING)
-        if not self.backlog.drain(_LAST_JOBS if self.stop.is_set() else None):
-            self.backlog.clear()
-        if self.ledger.fused == 0 and not self.stop.is_set():
-            why = self.ledger.failures[-1] if self.ledger.failures else "there was none"
-            raise ServiceError(f"no burst could be fused: {why}")
+        self.fusing.finish(_LAST_JOBS if told else None)
+        if not told:
+            self.fusing.require_map(self.ledger.failures)
 
     @contextmanager
     def _open_rig(self) -> Iterator[None]:
@@ -261,12 +263,3 @@ class Daemon:
 
     def _captured(self, frame: Frame) -> None:
         self.emit(FrameCaptured(frame, self.rig.calibration.mount))
-
-    def _fused(self, result: FusedMap) -> None:
-        # The truth is that of the first view: a stream whose grid has moved has none.
-        self._grid_moved = self._grid_moved or bool(result.report.notes)
-        self.emit(MapFused(result, None if self._grid_moved else self._truth))
-
-    def _failed(self, job: Job, error: Exception) -> None:
-        _log.error("number %d could not be fused: %s", job.number, error)
-        self.emit(FusionFailed(job.number, str(error)))

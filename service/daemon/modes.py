@@ -125,7 +125,7 @@ class Scanning:
         done = daemon.agenda.turn()
         daemon.emit(BurstCaptured(burst, number))
         job = BurstJob(burst, fusion, awaited=done is not None)
-        daemon.backlog.put(job, fusion.backlog, daemon.stop.is_set, done)
+        daemon.fusing.backlog.put(job, fusion.backlog, daemon.stop.is_set, done)
 
 
 class Streaming:
@@ -139,7 +139,7 @@ class Streaming:
 
     def prepare(self) -> None:
         daemon, settings = self._daemon, self._daemon.configuration
-        self._number = daemon.next_stream()
+        self._number = daemon.fusing.next_stream()
         if daemon.carries_pose:
             self._source: CarriedFrames | SweptFrames = CarriedFrames(daemon.grabber)
         else:
@@ -154,7 +154,7 @@ class Streaming:
             calibration = daemon.rig.calibration
             check_frame(frame, calibration)
             job = FrameJob(frame, calibration, settings.fusion, settings.stream.window, self._number, number)
-            daemon.backlog.put(job, _NEWEST, daemon.stop.is_set)
+            daemon.fusing.backlog.put(job, _NEWEST, daemon.stop.is_set)
             if daemon.once and not daemon.carries_pose and number + 1 == settings.stream.window:
                 return
 

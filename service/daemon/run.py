@@ -2,18 +2,14 @@
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from pathlib import Path
-
-import zenoh
 
 from service.capture.rig import Rig
 from service.config.sections import Configuration
-from service.daemon.commands import commands
+from service.daemon.commanded import commanded
 from service.daemon.daemon import Daemon
-from service.daemon.desk import Desk
-from service.daemon.dispatcher import Dispatcher
 from service.files import made_directory
 from service.messages.summary import BurstSummary, RunSummary
 from service.sinks.bus import Bus
@@ -24,7 +20,6 @@ from service.sinks.recorder import Recorder
 from service.sinks.recording_directory import FileSeries, RecordingDirectory
 from service.sinks.sink import Sink
 from service.sinks.summaries import Summaries
-from service.wire.queries import Queries
 from service.wire.session import open_session
 
 FUSED_FILE = "fused.mcap"
@@ -85,16 +80,6 @@ def run_service(
         return _summary(daemon, bus, summaries, published, time.monotonic() - began)
 
 
-@contextmanager
-def commanded(daemon: Daemon, session: zenoh.Session) -> Iterator[None]:
-    """The daemon can be asked for things over the session meanwhile."""
-    dispatcher = Dispatcher(Desk(daemon), commands())
-    daemon.command_counts = lambda: dispatcher.counts
-    prefix = daemon.configuration.zenoh.prefix
-    with Queries(session, prefix, commands(), dispatcher.handle, dispatcher.refused):
-        yield
-
-
 def recorder_of(configuration: Configuration) -> Recorder:
     """The recorder of a service: files in the recording directory."""
     section = configuration.recording
@@ -140,8 +125,10 @@ def _lost(daemon: Daemon, bus: Bus) -> list[str]:
     recording = daemon.recording
     said = [f"{recording.path}: {recording.damage}"] if recording is not None and recording.damage else []
     said += daemon.ledger.failures
-    if daemon.backlog.dropped:
-        said.append(f"{daemon.backlog.dropped} bursts not fused: the fusion was slower than the capture")
+    if daemon.fusing.backlog.dropped:
+        said.append(
+            f"{daemon.fusing.backlog.dropped} bursts not fused: the fusion was slower than the capture"
+        )
     if daemon.grabber.counts.dropped and not (daemon.camera and daemon.camera.carries_pose):
         said.append(f"{daemon.grabber.counts.dropped} frames dropped by the camera")
     return said + bus.losses

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar, Un
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails, from_json
 
-from drivers.messages import Message
+from drivers.messages import Message, Schema
 from service.errors import CommandError, InvalidArgumentError, OutOfRangeError
 from service.messages.status import State
 
@@ -62,6 +63,11 @@ class Verb(BaseModel):
 
     action: str
 
+    @property
+    def given(self) -> dict[str, Any]:
+        """The arguments that were given."""
+        return self.model_dump(exclude={"action"}, exclude_unset=True)
+
     def carry_out(self, desk: Desk) -> Answer:
         """Do it.
 
@@ -93,19 +99,18 @@ class Command:
         """The verbs by their names."""
         return {verb.model_fields["action"].annotation.__args__[0]: verb for verb in self.verbs}  # type: ignore[union-attr]
 
-    @property
-    def request_schema(self) -> dict[str, Any]:
-        """JSON schema of what it takes."""
-        union: Any = Union[self.verbs]  # noqa: UP007 — made of a tuple
+    @cached_property
+    def schema(self) -> Schema:
+        """JSON schemas of what it takes and answers: `{"request": …, "reply": …}`."""
+        taken: Any = Union[self.verbs]  # noqa: UP007 — made of a tuple
         if len(self.verbs) > 1:
-            union = Annotated[union, Field(discriminator="action")]
-        schema: dict[str, Any] = TypeAdapter(union).json_schema()
-        return schema
-
-    @property
-    def reply_schema(self) -> dict[str, Any]:
-        """JSON schema of what it answers."""
-        return self.reply.model_json_schema(mode="serialization")
+            taken = Annotated[taken, Field(discriminator="action")]
+        both = {
+            "request": TypeAdapter(taken).json_schema(),
+            "reply": self.reply.model_json_schema(mode="serialization"),
+        }
+        name = f"lidarboost.{self.reply.__name__.removesuffix('Reply')}Command"
+        return Schema(name, "jsonschema", json.dumps(both).encode())
 
     def read(self, payload: bytes) -> Verb:
         """The verb of a request.

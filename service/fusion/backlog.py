@@ -66,6 +66,11 @@ class Backlog:
             self._unfinished[future] = job, done
         future.add_done_callback(self._finish)
 
+    @property
+    def unfinished(self) -> int:
+        """Jobs that wait or are at work."""
+        return len(self._unfinished)
+
     def drain(self, timeout: float | None = None) -> bool:
         """Wait until every job is done; False where time ran out."""
         with self._changed:

@@ -41,7 +41,7 @@ class LocalExecutor:
         self._worker = Worker(
             "fusion process", "service.fusion.answering:answering", cancelled=lambda: self._closing
         )
-        self._deadline = Deadline(settings.timeout)
+        self._deadline = Deadline()
         self._jobs: deque[tuple[Job, Future[FusedMap]]] = deque()
         self._changed = Condition()
         self._restarts = self._hung = 0
@@ -112,7 +112,7 @@ class LocalExecutor:
         except WorkerError as error:
             self._renew(job, error)
         try:
-            return self._asked(job, self._settings.timeout)
+            return self._asked(job, job.settings.timeout)
         except WorkerError as error:
             self._renew(job, error)
             raise

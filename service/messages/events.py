@@ -14,6 +14,7 @@ from drivers.frame import Frame
 from drivers.recording import RecordingHead
 from service.messages.burst import Burst
 from service.messages.map import FusedMap
+from service.messages.progress import ScanProgress
 from service.messages.status import State, Status
 
 T = TypeVar("T")
@@ -86,6 +87,14 @@ class FrameCaptured(Event):
     @property
     def size(self) -> int:
         return self.frame.counts.nbytes + (0 if self.frame.amplitude is None else self.frame.amplitude.nbytes)
+
+
+@dataclass(frozen=True, eq=False)
+class ScanProgressed(Event):
+    """Another pose of a burst was captured, or its map is there."""
+
+    progress: ScanProgress
+    patient: ClassVar[bool] = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -178,7 +178,7 @@ class Publisher(Sink):
 
 def _is_lazy(topic: Topic) -> bool:
     """Made on demand: an advanced publisher cannot tell whether anybody listens, and its cache needs all."""
-    return not topic.recorded
+    return topic.name == FUSED_POINTS
 
 
 def _port(locator: str) -> int:

@@ -10,7 +10,7 @@ from scripted import ScriptedCamera, ScriptedStage
 
 from drivers.clock import VirtualClock
 from service.capture.rig import Rig
-from service.messages.events import BurstCaptured, Commanded, MapFused
+from service.messages.events import BurstCaptured, Commanded, HeadChanged, MapFused, ScanProgressed
 
 
 class HastyClock(VirtualClock):
@@ -105,6 +105,98 @@ def test_a_setting_is_in_force_with_the_next_burst(tmp_path: Path, endpoint: str
         assert rig.settings is not None
         assert rig.settings.integration_time == 0.01
         assert far.ask("cmd/settings", action="get")["settings"] == reply["settings"]
+
+
+def test_plan_and_fusion_are_changed_by_the_fields_that_change(tmp_path: Path, endpoint: str) -> None:
+    settings = configuration(tmp_path, endpoint, start="scan")
+    with running(settings, hasty_rig(), "scanning") as service, stranger(endpoint) as far:
+        reply = far.ask("cmd/plan", action="set", span=2.0, axes="pan")
+        assert (reply["plan"]["span"], reply["plan"]["axes"], reply["plan"]["pan"]) == (2.0, "pan", 0.0)
+        reply = far.ask("cmd/fusion", action="set", frames=3, method="bicubic", regularization=0.5)
+        assert (reply["fusion"]["frames"], reply["fusion"]["upsampling"]) == (3, 2)
+        report = far.ask("cmd/scan", action="once")["report"]
+        assert (report["method"], report["frames"]) == ("bicubic", 3)
+        before = far.ask("cmd/plan", action="get")["plan"]
+        for refused, code in (
+            ({"pan": 100.0}, "OUT_OF_RANGE"),
+            ({"pan": 1000.0}, "OUT_OF_RANGE"),
+            ({"axes": "roll"}, "INVALID_ARGUMENT"),
+            ({"frames": 3}, "INVALID_ARGUMENT"),
+        ):
+            assert far.ask("cmd/plan", action="set", **refused)["code"] == code
+        assert far.ask("cmd/plan", action="get")["plan"] == before
+        heads = [event.head for event in service.of(HeadChanged)]
+        used = next(data for name, data, _ in heads[-1].attachments if "configuration" in name)
+        assert b'method = "bicubic"' in used
+        assert b"span = 2.0" in used
+
+
+def test_a_stream_is_started_changed_and_stopped(tmp_path: Path, endpoint: str) -> None:
+    with running(configuration(tmp_path, endpoint), hasty_rig()) as service, stranger(endpoint) as far:
+        reply = far.ask("cmd/stream", action="start", window=3)
+        assert (reply["state"], reply["stream"]["window"]) == ("streaming", 3)
+        service.wait(lambda: any(event.map.report.frames == 3 for event in service.of(MapFused)))
+        assert far.ask("cmd/scan", action="once")["code"] == "INVALID_STATE"
+        assert far.ask("cmd/scan", action="pause")["code"] == "INVALID_STATE"
+        maps = len(service.of(MapFused))
+        assert far.ask("cmd/fusion", action="set", fill=1.0)["state"] == "streaming"
+        service.wait(lambda: any(e.map.report.burst == 0 for e in service.of(MapFused)[maps:]))  # anew
+        assert far.ask("cmd/scan", action="start")["state"] == "scanning"
+        assert far.ask("cmd/stream", action="stop")["code"] == "INVALID_STATE"
+        assert far.ask("cmd/stream", action="start")["state"] == "streaming"
+        far.ask("cmd/stream", action="stop")
+        service.wait_state("idle")
+
+
+def test_manifest_and_schemas_tell_a_stranger_all_it_needs(tmp_path: Path, endpoint: str) -> None:
+    with running(configuration(tmp_path, endpoint), hasty_rig()), stranger(endpoint) as far:
+        [reply] = far.query("lidarboost/rig/manifest")
+        manifest = reply["ok"]
+        assert (manifest["rig"], manifest["model"], manifest["state"]) == (
+            "lidarboost/rig",
+            "scripted",
+            "idle",
+        )
+        depth = next(topic for topic in manifest["topics"] if topic["name"] == "fused/depth")
+        assert (depth["schema_name"], depth["unit"], depth["rate"]) == (
+            "foxglove.RawImage",
+            "m",
+            "each fusion",
+        )
+        scan = next(command for command in manifest["commands"] if command["name"] == "cmd/scan")
+        assert scan["actions"]["once"] == "One burst; answered once its map is published."
+        names = {entry["name"] for entry in manifest["topics"] + manifest["commands"]} - {"alive"}
+        found = far.query("lidarboost/rig/schema/**")
+        assert {one["key"].removeprefix("lidarboost/rig/schema/") for one in found} == names
+        [reply] = far.query("lidarboost/rig/schema/cmd/plan")
+        fields = reply["ok"]["request"]["$defs"]["Set"]["properties"]
+        assert fields["span"]["maximum"] == 40
+        assert "low-resolution pixels" in fields["span"]["description"]
+        assert reply["ok"]["reply"]["required"] == ["state", "reason", "plan"]
+        [reply] = far.query("lidarboost/rig/schema/fused/depth")
+        assert reply["encoding"] == "application/protobuf;google.protobuf.FileDescriptorSet"
+
+
+def test_progress_is_told_pose_by_pose(tmp_path: Path, endpoint: str) -> None:
+    with running(configuration(tmp_path, endpoint), hasty_rig()) as service, stranger(endpoint) as far:
+        far.ask("cmd/scan", action="once")
+        service.wait_state("idle")
+        told = [event.progress for event in service.of(ScanProgressed)]
+        assert [(one.burst, one.captured, one.poses) for one in told[:4]] == [(0, k, 4) for k in (1, 2, 3, 4)]
+        assert told[0].seconds is None
+        assert told[3].seconds == 0
+        service.wait(lambda: service.of(ScanProgressed)[-1].progress.fusing == 0)
+        [reply] = far.query("lidarboost/rig/scan/progress")
+        assert reply["ok"]["captured"] == 4
+
+
+def test_where_the_stage_is_can_be_asked_in_a_pause(tmp_path: Path, endpoint: str) -> None:
+    settings = configuration(tmp_path, endpoint, start="scan")
+    with running(settings, hasty_rig(), "scanning"), stranger(endpoint) as far:
+        assert far.ask("cmd/scan", action="pause")["paused"]
+        reply = far.ask("cmd/stage", action="get")
+        assert abs(reply["pan"]) < 0.01
+        assert reply["pan_limits"] == [-1.0, 1.0]
 
 
 @pytest.mark.parametrize(

@@ -158,11 +158,12 @@ def test_a_burst_that_kills_twice_fails_and_the_next_is_fused(started: LocalExec
 
 
 def test_a_fusion_that_never_ends_is_cut_off() -> None:
-    executor = LocalExecutor(SETTINGS.model_copy(update={"timeout": 0.3}))
+    hasty = SETTINGS.model_copy(update={"timeout": 0.3})
+    executor = LocalExecutor(hasty)
     try:
         executor.ready.result(60)
         with pytest.raises(HungError, match=r"gave no answer within 0\.3 s"):
-            map_of(executor, job(0, Endless))
+            map_of(executor, job(0, Endless, hasty))
         assert executor.state.hung == 2
     finally:
         executor.close()
@@ -221,14 +222,14 @@ def test_a_torn_kernel_on_disk_stops_neither_the_worker_nor_fuse(
 
 
 def test_the_deadline_follows_what_is_usual_and_never_exceeds_the_limit() -> None:
-    deadline, one = Deadline(120.0), job(0)
-    assert deadline.of(one) == 120.0
+    deadline, one = Deadline(), job(0)
+    assert deadline.of(one) == 30.0
     for seconds in (0.3, 0.5, 0.4):
         deadline.learn(one, seconds)
     assert deadline.of(one) == pytest.approx(5.0)
-    assert deadline.of(job(0, settings=SETTINGS.model_copy(update={"method": "area"}))) == 120.0
+    assert deadline.of(job(0, settings=SETTINGS.model_copy(update={"method": "area"}))) == 30.0
     deadline.learn(one, 60.0)
-    assert deadline.of(one) == 120.0
+    assert deadline.of(one) == 30.0
 
 
 class Held:

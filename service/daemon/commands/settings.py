@@ -32,10 +32,10 @@ class Set(Verb, CameraSettings):
     action: Literal["set"]
 
     def carry_out(self, desk: Desk) -> Answer:
-        rig = desk.daemon.rig
-        fields = self.model_dump(exclude={"action"}, exclude_unset=True)
-        rig.apply(rig.camera.settings.model_copy(update=fields))
-        desk.daemon.renew()
+        daemon, rig = desk.daemon, desk.daemon.rig
+        rig.apply(rig.camera.settings.model_copy(update=self.given))
+        used = {"settings": rig.camera.settings}
+        daemon.reconfigure(camera=daemon.configuration.camera.model_copy(update=used))
         return desk.reply(SettingsReply, settings=rig.camera.settings)
 
 
