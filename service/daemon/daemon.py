@@ -12,12 +12,11 @@ from pydantic import BaseModel
 from drivers.errors import DeviceLostError, OperationError
 from drivers.frame import Frame
 from drivers.poses import camera_rotation
-from drivers.recording import Recording, RecordingHead
+from drivers.recording import Recording
 from drivers.settings import Capabilities
 from service.capture.control import Control
-from service.capture.head import head_of
 from service.capture.loop import Grabber
-from service.capture.played import recording_of, truth_of
+from service.capture.played import recording_of
 from service.capture.rig import Rig
 from service.capture.series import Recover
 from service.config.sections import Configuration
@@ -29,10 +28,13 @@ from service.daemon.ledger import Ledger
 from service.daemon.logs import logged_events
 from service.daemon.modes import Idle, Mode, Scanning, Streaming
 from service.daemon.monitor import Monitor
+from service.daemon.origin import Origin
+from service.daemon.playing import Playing
 from service.daemon.states import States
 from service.daemon.systemd import READY, STOPPING, notify
 from service.errors import InvalidStateError, UnavailableError
-from service.messages.events import DevicesOpened, Event, FrameCaptured, HeadChanged, ScanProgressed
+from service.messages.events import Event, FrameCaptured, ScanProgressed
+from service.messages.replay import ReplayState
 from service.messages.status import CommandCounts
 from service.sinks.bus import Bus
 
@@ -65,14 +67,25 @@ class Daemon:
         self.control.beat = rig.beat
         self.ledger = Ledger()
         self.states = States(self.emit)
-        self.camera: Capabilities | None = None
         self.recording: Recording | None = None
         self.next_burst = 0
         self.grabber = Grabber(rig, configuration.camera.timeout, self.control, self._captured)
         self.fusing = Fusing(configuration, self.emit, lossless=once)
-        self._advance = Advance(lambda: self.planned, lambda: self.fusing.backlog.unfinished)
+        self.origin = Origin(lambda: self.configuration, self.fusing, self.emit)
+        self._advance = Advance(lambda: self.origin.planned, lambda: self.fusing.backlog.unfinished)
         self.mode: Mode | None = None
         self.command_counts: Callable[[], CommandCounts] = CommandCounts
+
+    @property
+    def camera(self) -> Capabilities | None:
+        """What gives the frames at present; None until it is open."""
+        return self.origin.camera
+
+    @property
+    def replay(self) -> ReplayState:
+        """Where a replay is."""
+        mode = self.mode
+        return mode.replay if isinstance(mode, Playing) else ReplayState(timestamp=self.rig.clock.now())
 
     @property
     def carries_pose(self) -> bool:
@@ -103,12 +116,20 @@ class Daemon:
         self.agenda.ask(lambda: self._prepared(mode))
         self.control.inbox.wake()
 
+    def ask(self, mode: Mode) -> "Future[None]":
+        """As `request`, for a mode that is ready; done when it has begun."""
+        begun = self.agenda.ask(lambda: mode)
+        self.control.inbox.wake()
+        return begun
+
     def begin(self, mode: Mode) -> "Future[None]":
         """Have a mode begin next; for the thread that owns the devices. Done when it has begun.
 
         Raises:
             DriverError, ServiceError: it cannot be made ready; what was at work goes on.
         """
+        if mode.rig is self.rig and not self.rig.is_open:
+            raise UnavailableError("a device is lost: wait until it is back")
         mode.prepare()
         return self.agenda.ask(lambda: mode)
 
@@ -128,12 +149,11 @@ class Daemon:
 
     def renew(self) -> None:
         """Have the mode at work begin anew with what is configured now; raises as `begin`."""
-        if self.mode is None or isinstance(self.mode, Idle) or self.agenda.changing:
+        if self.rig.is_open:
             Scanning(self).prepare()
-        else:
+        if self.mode is not None and not isinstance(self.mode, Idle) and not self.agenda.changing:
             self.begin(self.mode.anew())
-        self._find_truth()
-        self.emit(HeadChanged(self._head()))
+        self.origin.tell_head()
 
     def close(self) -> None:
         """End the process that fuses, whatever it does."""
@@ -150,9 +170,7 @@ class Daemon:
             stack.callback(self.close)
             stack.callback(self._refuse_all)
             stack.enter_context(self._open_rig())
-            self.camera = self.rig.camera.capabilities
             self.recording = recording_of(self.rig.camera)
-            self._find_truth()
             monitor = Monitor(self.rig, self.grabber.counts, self, self.fusing.executor, self.bus)
             mode = self._made(self.configuration.start)
             # Neither status nor log may come once the sinks are closed.
@@ -170,11 +188,12 @@ class Daemon:
         while not self.stop.is_set():
             self.mode = mode
             self.control.renew()
+            self._show(mode.rig)
             self.states.enter(mode.state, mode.reason)
             entered.set_result(None)
             mode.run()
             following = self.agenda.take()
-            if following is None or following[0].state != "scanning":
+            if following is None or not isinstance(following[0], Scanning):
                 self.agenda.give_up(InvalidStateError("the scan ended before its turn came"))
             if following is None:
                 return
@@ -196,30 +215,25 @@ class Daemon:
         self.agenda.close("the service ends")
 
     def _announce(self) -> None:
-        known, recording = self.rig.camera.capabilities, self.recording
-        settings = self.configuration
+        settings, recording = self.configuration, self.recording
         expected = settings.stream.window if settings.start == "stream" else settings.fusion.frames
         frames = recording.frame_count if recording is not None else expected if self.once else None
-        calibration = self.rig.calibration
-        self.emit(
-            DevicesOpened(
-                model=known.model,
-                source=known.source,
-                calibration=calibration,
-                frames=frames,
-                timestamp=self.rig.clock.now(),
-                head=self._head(),
-            )
-        )
-        camera_rotation(0.0, 0.0, calibration.mount)  # imports a good part of SciPy, once, before frames come
+        self.origin.show(self.rig, self.rig.clock.now(), frames)
+        # Imports a good part of SciPy, once, before frames come.
+        camera_rotation(0.0, 0.0, self.rig.calibration.mount)
 
-    def _head(self) -> RecordingHead:
-        return head_of(self.configuration, self.rig, self.fusing.truth, self.planned)
-
-    def _find_truth(self) -> None:
-        upsampling, truth = self.configuration.fusion.upsampling, self.fusing.truth
-        if truth is None or truth.shape[0] != upsampling * self.rig.calibration.height:
-            self.fusing.truth = truth_of(self.rig.camera, upsampling)
+    def _show(self, rig: Rig) -> None:
+        """Have frames come from this rig; what the one before has left is fused first."""
+        before = self.origin.rig
+        if rig is before:
+            return
+        while not self.fusing.backlog.drain(0.1) and not self.control.halted:
+            self.control.beat()
+            self.control.inbox.serve("pose")
+        self.origin.show(rig, self.rig.clock.now())
+        if before is not None and before is not self.rig:
+            before.close()
+            self.origin.forget(before)
 
     def _wait_ready(self) -> None:
         why = "the fusion loads its kernels; on its first run here it compiles them, for about two minutes"
@@ -240,6 +254,8 @@ class Daemon:
         try:
             yield
         finally:
+            if self.origin.rig is not None:
+                self.origin.rig.close()
             self.rig.close()
 
     def recover(self, mode: Mode) -> Recover:

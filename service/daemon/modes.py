@@ -32,7 +32,14 @@ class Mode(Protocol):
     """One way to work."""
 
     state: State
-    reason: str
+
+    @property
+    def reason(self) -> str:
+        """Why it is in that state."""
+
+    @property
+    def rig(self) -> Rig:
+        """What gives the frames."""
 
     def prepare(self) -> None:
         """Make ready, before anything moves; raises where it cannot be done."""
@@ -51,7 +58,7 @@ class Idle:
     reason = "waiting to be asked"
 
     def __init__(self, daemon: Daemon) -> None:
-        self._daemon = daemon
+        self._daemon, self.rig = daemon, daemon.rig
 
     def prepare(self) -> None: ...
 
@@ -81,7 +88,7 @@ class Scanning:
     state: State = "scanning"
 
     def __init__(self, daemon: Daemon, *, asked: bool = False) -> None:
-        self._daemon, self.asked = daemon, asked
+        self._daemon, self.rig, self.asked = daemon, daemon.rig, asked
         self.reason = "bursts as recorded" if daemon.carries_pose else "bursts by the plan"
         if asked:
             self.reason = "a burst that was asked for"
@@ -134,7 +141,7 @@ class Streaming:
     state: State = "streaming"
 
     def __init__(self, daemon: Daemon) -> None:
-        self._daemon = daemon
+        self._daemon, self.rig = daemon, daemon.rig
         self.reason = f"a map for every frame, of the last {daemon.configuration.stream.window}"
 
     def prepare(self) -> None:

@@ -83,7 +83,7 @@ def run_service(
 def recorder_of(configuration: Configuration) -> Recorder:
     """The recorder of a service: files in the recording directory."""
     section = configuration.recording
-    return Recorder(RecordingDirectory(section, time.time_ns), maps=section.maps)
+    return Recorder(RecordingDirectory(section, time.time_ns), maps=section.maps, replays=section.replays)
 
 
 def _outputs(configuration: Configuration, output: Path | None, once: bool) -> dict[str, Callable[[], Sink]]:
@@ -93,7 +93,9 @@ def _outputs(configuration: Configuration, output: Path | None, once: bool) -> d
     section = configuration.output
     budget = None if once else section.budget
     made: dict[str, Callable[[], Sink]] = {
-        "fused file": lambda: Recorder(FileSeries(output / FUSED_FILE, section.rotate_size, budget))
+        "fused file": lambda: Recorder(
+            FileSeries(output / FUSED_FILE, section.rotate_size, budget), replays=True
+        )
     }
     if section.preview:
         made["pictures"] = lambda: Pictures(output, keep=None if once else section.pictures)

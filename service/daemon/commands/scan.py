@@ -115,11 +115,13 @@ class Resume(Verb):
 
 
 def _require_scan(desk: Desk) -> None:
+    desk.refuse_replay()
     if not desk.is_scanning:
         raise InvalidStateError(f"{desk.daemon.states.state}: there is no scan; start one first")
 
 
 def _refuse_stream(desk: Desk) -> None:
+    desk.refuse_replay()
     if desk.is_streaming:
         raise InvalidStateError("streaming: end the stream first, with cmd/stream stop")
 

@@ -44,6 +44,7 @@ class Stop(Verb):
     action: Literal["stop"]
 
     def carry_out(self, desk: Desk) -> Answer:
+        desk.refuse_replay()
         if desk.is_scanning:
             raise InvalidStateError("scanning: end the scan with cmd/scan stop")
         if desk.is_streaming:
