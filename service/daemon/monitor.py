@@ -13,7 +13,7 @@ from service.fusion.executor import Executor
 from service.messages.events import ReplayTold, StatusTold
 from service.messages.status import Drops, Rates, Status, Totals
 from service.sinks.bus import Bus
-from service.sinks.recorder import Recorder
+from service.sinks.recorder import RECORDER, Recorder
 from service.versions import software_version
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ class Monitor:
         daemon, states, ledger = self._daemon, self._daemon.states, self._daemon.ledger
         fusion, sinks = self._executor.state, self._bus.states
         lost = {sink.name: sink.dropped for sink in sinks}
-        recorder, camera = self._bus.sink("recorder"), daemon.camera
+        recorder, camera = self._bus.sink(RECORDER), daemon.camera
         return Status(
             timestamp=self._rig.clock.now(),
             version=software_version(),

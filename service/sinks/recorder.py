@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Protocol
 
 from drivers.recording import RecordingHead, attachments
+from service.config.sections import RecordingSection
 from service.messages.encoding import event_messages
 from service.messages.events import (
     BurstCaptured,
@@ -19,8 +20,12 @@ from service.messages.events import (
 )
 from service.messages.status import RecorderState
 from service.messages.topics import TOPICS
+from service.sinks.recording_directory import RecordingDirectory
 from service.sinks.recording_file import RecordingFile, Unit
 from service.sinks.sink import Room, Sink
+
+RECORDER = "recorder"
+"""How the one that writes into the recording folder is called."""
 
 _OVERDUE = 1.1
 """A file is ended between two bursts, and in the middle of one only when it is a tenth over its limit."""
@@ -61,7 +66,7 @@ class Recorder(Sink):
     ) -> None:
         super().__init__()
         self._destination, self._now = destination, now
-        self._maps, self._replays = maps, replays
+        self.maps, self.replays = maps, replays
         self._head: RecordingHead | None = None
         self._file: RecordingFile | None = None
         self._files: list[Path] = []
@@ -75,9 +80,9 @@ class Recorder(Sink):
             self._change(event.head)
         if isinstance(event, Commanded) and self._file is not None:
             self._file.note("command", _told(event))
-        if self._head is None or (isinstance(event, MapFused) and not self._maps):
+        if self._head is None or (isinstance(event, MapFused) and not self.maps):
             return
-        if self._head.metadata.get("source") == "replay" and not self._replays:
+        if self._head.metadata.get("source") == "replay" and not self.replays:
             return
         messages = tuple(m for m in event_messages(event) if TOPICS[m.topic].recorded)
         if not messages or self.abandoned.is_set():
@@ -109,6 +114,11 @@ class Recorder(Sink):
         return tuple(str(path) for path in self._files if path.exists())
 
     @property
+    def written(self) -> Path | None:
+        """The file at work, as it is called until it is complete."""
+        return None if self._file is None else self._file.working_path
+
+    @property
     def state(self) -> RecorderState:
         """What it is doing."""
         file = self._file
@@ -132,6 +142,12 @@ class Recorder(Sink):
         if begins_burst and self._destination.is_full(size, age):
             return True
         return self._destination.is_full(size / _OVERDUE, age / _OVERDUE)
+
+
+def recorder_of(section: RecordingSection) -> Recorder:
+    """The recorder of a service: files in the recording folder."""
+    directory = RecordingDirectory(section, time.time_ns)
+    return Recorder(directory, maps=section.maps, replays=section.replays)
 
 
 def _origin(head: RecordingHead) -> tuple[object, ...]:
