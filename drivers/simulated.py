@@ -11,6 +11,7 @@ from drivers.clock import Clock
 from drivers.device import BackendOptions
 from drivers.errors import DeviceTimeoutError, InitialisationError
 from drivers.frame import Frame
+from drivers.position import Position
 from drivers.settings import CameraSettings, Capabilities
 from drivers.simulation.options import CameraOptions, scene_of, true_calibration
 from drivers.simulation.render import Renderer, Truth
@@ -24,7 +25,6 @@ from drivers.simulation.sensor import (
     with_errors,
 )
 from drivers.simulation.stage import SimulatedStage
-from drivers.stage import Position
 
 __all__ = ["SimulatedCamera", "SimulatedStage"]
 
@@ -154,7 +154,7 @@ class SimulatedCamera(Camera):
     def _pose(self, timestamp: int) -> Position:
         if isinstance(self._stage, SimulatedStage):
             return self._stage.pose_at(timestamp)
-        if self._stage is not None and self._stage.is_open:
+        if self._stage is not None and self._stage.is_open and not self._stage.needs_home:
             return self._stage.position
         return Position(0.0, 0.0)
 

@@ -15,6 +15,10 @@ class PlanError(ConfigurationError):
     """The plan cannot be run on this stage: a pose is out of reach, or the plan is empty."""
 
 
+class MotionError(ServiceError):
+    """The stage does not move: nobody consents to homing it, or a movement failed; a person has to look."""
+
+
 class WorkerError(ServiceError):
     """The fusion worker died or stopped answering, more often than a restart can mend."""
 

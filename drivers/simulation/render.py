@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from drivers.calibration import Calibration
 from drivers.poses import camera_centre, camera_rotation
+from drivers.position import Position
 from drivers.simulation.cast import cast
 from drivers.simulation.footprint import average, average_at, fits, fits_at, summed_area
 from drivers.simulation.lens import footprint_places, straightened
 from drivers.simulation.scene import Scene
-from drivers.stage import Position
 
 RAYS = 12
 """Rays per pixel side: 3 × 3 for each cell of a map fused ×4."""

@@ -27,7 +27,7 @@ class Control:
         self.stop = stop if stop is not None else Event()
         self.inbox = Inbox()
         self.beat: Callable[[], None] = lambda: None
-        self._cancelled = False
+        self._cancelled = self._halting = False
         self._paused = False
 
     @property
@@ -36,13 +36,22 @@ class Control:
 
     @property
     def halted(self) -> bool:
-        """Whether the burst at work shall be given up."""
-        return self._cancelled or self.stop.is_set()
+        """Whether the burst at work shall be given up, and whatever moves shall stop."""
+        return self._cancelled or self._halting or self.stop.is_set()
 
     def cancel(self) -> None:
         """Give up the burst at work."""
         self._cancelled, self._paused = True, False
         self.inbox.wake()
+
+    def halt(self) -> None:
+        """Stop whatever moves, and let nothing move until `release`."""
+        self._halting, self._paused = True, False
+        self.inbox.wake()
+
+    def release(self) -> None:
+        """What moved has been stopped."""
+        self._halting = False
 
     def pause(self) -> None:
         """Stand still after the pose at work, until `resume`."""

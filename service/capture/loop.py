@@ -10,19 +10,17 @@ from drivers.errors import (
     DeviceLostError,
     DeviceTimeoutError,
     EndOfRecordingError,
-    LimitError,
     OperationError,
-    StateError,
 )
 from drivers.frame import Frame
-from drivers.stage import Position
+from drivers.position import Position
 from service.capture.control import Control
 from service.capture.rig import Rig
 from service.messages.burst import Burst
 from service.planning.plan import Plan
 
 _ATTEMPTS = 4
-"""Times in a row that one frame or movement may fail before the devices are opened again."""
+"""Times in a row that one frame may fail before the camera is opened again."""
 
 _STALE = 100
 """Stale frames in a row that cannot be what was still in the camera's buffers."""
@@ -40,7 +38,7 @@ class CaptureCounts:
         frames: frames that went into bursts, finished or not.
         stale: frames thrown away because they were exposed before the stage stood still.
         dropped: frames that the camera took and that never arrived (gaps in its numbers).
-        faults: frames or movements that failed and were tried again.
+        faults: frames that failed and were tried again.
         lost: times that a device was lost.
         interrupted: bursts given up and taken again.
         bursts: finished bursts.
@@ -73,6 +71,7 @@ class Grabber:
         self.rig, self.control = rig, control
         self.counts = CaptureCounts()
         self._timeout = timeout
+        rig.stage.interrupted = lambda: control.halted
         self._listener = listener
         self._sequence: int | None = None
         self._held: Frame | None = None
@@ -97,6 +96,18 @@ class Grabber:
                 return self.grab()
             except DeviceTimeoutError:
                 continue
+
+    def grab_fresh(self, still: int) -> Frame:
+        """The next frame whose exposure began at `still` (ns) or later; raises as `grab`."""
+        for _ in range(_STALE):
+            frame = self.grab()
+            if self.rig.camera.exposure_start(frame) >= still:
+                return frame
+            self.counts.stale += 1
+        raise OperationError(
+            f"{_STALE} frames in a row were exposed before the stage stood still; expected their times to "
+            "follow the host's clock: check the camera's timestamps"
+        )
 
     def put_back(self, frame: Frame) -> None:
         """Have the next `grab` give this one again: it belongs to the next burst."""
@@ -129,7 +140,7 @@ class ScanBursts:
         grabber: gives frames.
         plan: poses of one burst.
         settle: seconds to stand still before an exposure may begin.
-        move_timeout: seconds that a movement may take.
+        move_timeout: seconds that a movement may take longer than at the stage's speed.
     """
 
     def __init__(self, grabber: Grabber, plan: Plan, settle: float, move_timeout: float) -> None:
@@ -145,6 +156,8 @@ class ScanBursts:
     def frame(self, number: int | None, pose: int) -> Frame:
         """The frame of a pose, as part of a burst where it has a number; tried again some times."""
         try:
+            self._grabber.control.between_poses()
+            self._turn(pose)
             return self._tried(number, pose)
         except OperationError:
             self._stand = None  # the devices will be opened again, and may move at that
@@ -155,7 +168,7 @@ class ScanBursts:
         for _ in range(_ATTEMPTS):
             try:
                 return self._attempt(number, pose)
-            except (DeviceLostError, StateError, LimitError, EndOfRecordingError):
+            except (DeviceLostError, EndOfRecordingError):
                 raise
             except OperationError as error:
                 self._grabber.counts.faults += 1
@@ -164,39 +177,29 @@ class ScanBursts:
                 last = error
         raise DeviceLostError(f"pose {pose} failed {_ATTEMPTS} times in a row, lastly: {last}") from last
 
+    def _turn(self, pose: int) -> None:
+        """Turn to a pose; where the stage stands there already, nothing moves, and no frame becomes stale."""
+        motion, target, last = self._rig.motion, self._plan.poses[pose], self._stand
+        self._stand = None
+        if self._rig.stage.needs_home:
+            last = None
+        motion.prepare(self._plan.poses)
+        if last is not None and last.target == target and last.position == motion.position:
+            self._stand = last
+            return
+        if self._plan.moves:
+            self._grabber.restart()  # frames that pass while the stage moves are not missed
+        motion.go(target, self._move_timeout)
+        still = self._rig.clock.now() + round(self._settle * 1e9)
+        self._stand = _Stand(target, motion.position, still)
+
     def _attempt(self, number: int | None, pose: int) -> Frame:
-        self._grabber.control.between_poses()
-        stand = self._go(self._plan.poses[pose])
-        frame = self._fresh(stand.still)
-        position = self._rig.stage.position
+        assert self._stand is not None
+        frame = self._grabber.grab_fresh(self._stand.still)
+        position = self._rig.motion.position
         numbers = (None, None) if number is None else (number, pose)
         placed = replace(frame, pan=position.pan, tilt=position.tilt, burst=numbers[0], pose=numbers[1])
         return self._grabber.keep(placed)
-
-    def _go(self, target: Position) -> "_Stand":
-        """Turn to a pose; where the stage stands there already, nothing moves, and no frame becomes stale."""
-        stage, last = self._rig.stage, self._stand
-        if last is not None and last.target == target and last.position == stage.position:
-            return last
-        self._stand = None
-        if self._plan.moves:
-            self._grabber.restart()  # frames that pass while the stage moves are not missed
-        stage.move_to(target.pan, target.tilt)
-        stage.wait(self._move_timeout)
-        still = self._rig.clock.now() + round(self._settle * 1e9)
-        self._stand = _Stand(target, stage.position, still)
-        return self._stand
-
-    def _fresh(self, still: int) -> Frame:
-        for _ in range(_STALE):
-            frame = self._grabber.grab()
-            if self._rig.camera.exposure_start(frame) >= still:
-                return frame
-            self._grabber.counts.stale += 1
-        raise OperationError(
-            f"{_STALE} frames in a row were exposed before the stage stood still; expected their times to "
-            "follow the host's clock: check the camera's timestamps"
-        )
 
 
 class CarriedBursts:

@@ -2,6 +2,7 @@
 
 from bisect import bisect_right
 from collections.abc import Iterator
+from concurrent.futures import Future
 from dataclasses import dataclass
 from itertools import accumulate
 
@@ -12,6 +13,10 @@ from drivers.errors import EndOfRecordingError
 from drivers.frame import Frame
 from drivers.recording import Recording
 from drivers.reel import Reel
+from service.messages.report import BurstReport
+
+Stepped = Future[BurstReport | None]
+"""The report of the last map of a step; None where it has none."""
 
 
 class BurstTable:
@@ -81,6 +86,7 @@ class Player:
         at: the next frame; behind the last one = at the end.
         rounds: how often it has begun again.
         sought: set where it was sent elsewhere; whoever takes the frames begins anew, and resets it.
+        stepped: told what came of the step at work.
     """
 
     def __init__(
@@ -98,6 +104,7 @@ class Player:
         self.speed, self.loop, self.playing = speed, loop, playing
         self.at = self.rounds = 0
         self.sought = False
+        self.stepped: Stepped | None = None
         self._left = 0
         self._clock = clock if clock is not None else SystemClock()
         self._anchor: tuple[int, int] | None = None

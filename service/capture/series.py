@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Iterator
 from typing import Generic, Protocol, TypeVar
 
-from drivers.errors import EndOfRecordingError, OperationError
+from drivers.errors import EndOfRecordingError, MotionStoppedError, OperationError
 from service.capture.control import StoppedError
 from service.capture.loop import Grabber, Source
 
@@ -56,7 +56,11 @@ class Capture(Generic[T]):
         self._ending, self._hurried, self._pause = ending, hurried, pause
 
     def run(self) -> Iterator[T]:
-        """All until told otherwise or a recording ends; what is interrupted is taken again."""
+        """All until told otherwise or a recording ends; what is interrupted is taken again.
+
+        Raises:
+            MotionError: the stage must not move any more.
+        """
         rest = 0.0
         while not self._control.halted:
             try:
@@ -66,7 +70,7 @@ class Capture(Generic[T]):
                 taken = self._source.take(self.number)
             except EndOfRecordingError:
                 return
-            except StoppedError:
+            except (StoppedError, MotionStoppedError):
                 self.number += 1  # frames of this one have gone out
                 return
             except OperationError as error:

@@ -47,6 +47,14 @@ def run(
             rich_help_panel=_RUN,
         ),
     ] = False,
+    home: Annotated[
+        bool,
+        typer.Option(
+            "--home",
+            help="Home the stage where its position is unknown: it moves beyond the plan.",
+            rich_help_panel=_RUN,
+        ),
+    ] = False,
     output: Annotated[
         Path | None,
         typer.Option(help="Directory for fused.mcap and a picture of every burst.", rich_help_panel=_RUN),
@@ -82,23 +90,30 @@ def run(
     was lost: a damaged recording, a burst that could not be fused,
     something not delivered. A daemon told to stop ends with 0.
     """
+    from drivers.errors import MotionStoppedError
     from service.capture.rig import make_rig
+    from service.cli.operator import TerminalOperator, with_consent
     from service.cli.progress import progress_sink
     from service.config.file import load
     from service.daemon.logs import log_to_stream
     from service.daemon.run import run_service
 
     _check(replay, speed, loop, once)
-    configuration = load(config)
+    configuration = with_consent(load(config), home)
     if replay is not None:
         configuration = _playing(configuration, replay, speed or (None if once else 1.0), loop)
     log_to_stream(logging.WARNING if once or as_json else logging.INFO)
-    rig = make_rig(configuration)
+    rig = make_rig(configuration, operator=TerminalOperator(home, sees_log=not (once or as_json)))
     sinks = {"progress": progress_sink()} if once and not as_json else {}
     with _stopped_by_signals() as signals:
-        summary = run_service(
-            configuration, rig, output=output, once=once, sinks=sinks, started=signals.stops
-        )
+        try:
+            summary = run_service(
+                configuration, rig, output=output, once=once, sinks=sinks, started=signals.stops
+            )
+        except MotionStoppedError as error:  # while the stage was opened: there is nothing to sum up
+            if once:
+                raise typer.Abort from error
+            return
     if as_json:
         print(summary.model_dump_json(indent=2))
     else:
@@ -131,7 +146,7 @@ def _playing(configuration: "Configuration", path: Path, speed: float | None, lo
 
 
 class _Signals:
-    """SIGTERM and Ctrl-C end the run cleanly; another one some seconds later ends it at once."""
+    """SIGTERM, SIGHUP and Ctrl-C end the run cleanly; another one some seconds later ends it at once."""
 
     def __init__(self) -> None:
         self._daemon: Daemon | None = None
@@ -161,7 +176,9 @@ class _Signals:
 @contextmanager
 def _stopped_by_signals() -> Iterator[_Signals]:
     signals = _Signals()
-    before = {number: signal.signal(number, signals) for number in (signal.SIGTERM, signal.SIGINT)}
+    before = {
+        number: signal.signal(number, signals) for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+    }
     try:
         yield signals
     finally:

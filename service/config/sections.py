@@ -39,7 +39,15 @@ class StageSection(_Section):
     settle: float = Field(
         0.05, ge=0, le=10, description="Seconds to stand still after a movement before a frame counts."
     )
-    timeout: float = Field(10.0, gt=0, le=300, description="Seconds that one movement may take.")
+    timeout: float = Field(
+        10.0, gt=0, le=300, description="Seconds that a movement may take longer than at the stage's speed."
+    )
+    home: Literal["ask", "at start", "never"] = Field(
+        "ask",
+        description="When a stage that does not know where it is may find its reference, for which it moves "
+        "beyond the plan: `ask` = by --home or an answer on the terminal; `at start` = whenever it is "
+        "opened, again at most twice; `never`.",
+    )
 
 
 class PlanSection(_Section):

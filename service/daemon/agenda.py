@@ -24,7 +24,7 @@ Done = Callable[["FusedMap | Exception"], None]
 
 @dataclass(frozen=True, slots=True)
 class _Next:
-    make: Callable[[], Mode]
+    mode: Mode
     entered: Future[None]
 
 
@@ -36,25 +36,32 @@ class Agenda:
         self._next: _Next | None = None
         self._turns: deque[Done] = deque()
 
-    def ask(self, make: Callable[[], Mode]) -> Future[None]:
+    def ask(self, mode: Mode) -> Future[None]:
         """Have another mode begin after the burst, or the frame, at work; done when it has begun."""
         entered: Future[None] = Future()
         with self._lock:
-            before, self._next = self._next, _Next(make, entered)
+            before, self._next = self._next, _Next(mode, entered)
         if before is not None:
             before.entered.set_exception(InvalidStateError("something else was asked for meanwhile"))
         return entered
 
+    def replace(self, mode: Mode) -> None:
+        """Have this one begin in place of the next, for whoever asked for that."""
+        with self._lock:
+            if self._next is not None:
+                self._next = _Next(mode, self._next.entered)
+
     @property
-    def changing(self) -> bool:
-        """Whether another mode shall begin."""
-        return self._next is not None
+    def next(self) -> Mode | None:
+        """The mode that shall begin, if another shall."""
+        following = self._next
+        return None if following is None else following.mode
 
     def take(self) -> tuple[Mode, Future[None]] | None:
-        """The next mode, to be prepared already, and what to tell once it has begun."""
+        """The next mode, and what to tell once it has begun."""
         with self._lock:
             found, self._next = self._next, None
-        return None if found is None else (found.make(), found.entered)
+        return None if found is None else (found.mode, found.entered)
 
     def queue(self, done: Done) -> None:
         """Wait for a burst of one's own; raises `UnavailableError` where too many do."""

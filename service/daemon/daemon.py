@@ -3,13 +3,12 @@
 import logging
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from threading import Event as Flag
 from typing import Literal
 
 from pydantic import BaseModel
 
-from drivers.errors import DeviceLostError, OperationError
 from drivers.frame import Frame
 from drivers.poses import camera_rotation
 from drivers.recording import Recording
@@ -18,7 +17,6 @@ from service.capture.control import Control
 from service.capture.loop import Grabber
 from service.capture.played import recording_of
 from service.capture.rig import Rig
-from service.capture.series import Recover
 from service.config.sections import Configuration
 from service.daemon.advance import Advance
 from service.daemon.agenda import Agenda
@@ -32,7 +30,7 @@ from service.daemon.origin import Origin
 from service.daemon.playing import Playing
 from service.daemon.states import States
 from service.daemon.systemd import READY, STOPPING, notify
-from service.errors import InvalidStateError, UnavailableError
+from service.errors import InvalidStateError, IoFailureError, MotionError, UnavailableError
 from service.messages.events import Event, FrameCaptured, ScanProgressed
 from service.messages.replay import ReplayState
 from service.messages.status import CommandCounts
@@ -102,7 +100,7 @@ class Daemon:
     @property
     def ending(self) -> bool:
         """Whether the mode at work shall end, between two bursts or frames."""
-        return self.stop.is_set() or self.agenda.changing
+        return self.stop.is_set() or self.agenda.next is not None
 
     def emit(self, event: Event) -> None:
         """Note an event and hand it to the sinks."""
@@ -111,14 +109,14 @@ class Daemon:
         if (progress := self._advance.after(event)) is not None:
             self.bus.emit(ScanProgressed(progress))
 
-    def request(self, mode: ModeName) -> None:
-        """Ask for another mode; it begins after the burst, or the frame, at work."""
-        self.agenda.ask(lambda: self._prepared(mode))
+    def rest(self) -> None:
+        """Be idle after the burst, or the frame, at work; for any thread."""
+        self.agenda.ask(Idle(self))
         self.control.inbox.wake()
 
     def ask(self, mode: Mode) -> "Future[None]":
-        """As `request`, for a mode that is ready; done when it has begun."""
-        begun = self.agenda.ask(lambda: mode)
+        """As `rest`, for another mode that is ready; done when it has begun."""
+        begun = self.agenda.ask(mode)
         self.control.inbox.wake()
         return begun
 
@@ -131,7 +129,7 @@ class Daemon:
         if mode.rig is self.rig and not self.rig.is_open:
             raise UnavailableError("a device is lost: wait until it is back")
         mode.prepare()
-        return self.agenda.ask(lambda: mode)
+        return self.agenda.ask(mode)
 
     def reconfigure(self, **sections: BaseModel) -> None:
         """Put other sections of the configuration in force; for the thread that owns the devices.
@@ -148,12 +146,26 @@ class Daemon:
             raise
 
     def renew(self) -> None:
-        """Have the mode at work begin anew with what is configured now; raises as `begin`."""
+        """Have the mode at work, or the next, begin anew with what is configured now; raises as `begin`."""
+        following = self.agenda.next
+        mode = following if following is not None else self.mode
+        if mode is None or mode.rig is not self.rig or isinstance(mode, Idle):
+            self._check_plan()
+        if following is not None and not isinstance(following, Idle):
+            self.agenda.replace(self._anew(following))
+        elif following is None and mode is not None and not isinstance(mode, Idle):
+            self.agenda.ask(self._anew(mode))
+        self.origin.tell_head()
+
+    def _check_plan(self) -> None:
+        """A plan is looked at also where nothing is scanned; raises `PlanError`."""
         if self.rig.is_open:
             Scanning(self).prepare()
-        if self.mode is not None and not isinstance(self.mode, Idle) and not self.agenda.changing:
-            self.begin(self.mode.anew())
-        self.origin.tell_head()
+
+    def _anew(self, mode: Mode) -> Mode:
+        fresh = mode.anew()
+        fresh.prepare()
+        return fresh
 
     def close(self) -> None:
         """End the process that fuses, whatever it does."""
@@ -189,25 +201,43 @@ class Daemon:
             self.mode = mode
             self.control.renew()
             self._show(mode.rig)
-            self.states.enter(mode.state, mode.reason)
+            if mode.rig.is_open:
+                self.states.enter(mode.state, mode.reason)
             entered.set_result(None)
-            mode.run()
-            following = self.agenda.take()
-            if following is None or not isinstance(following[0], Scanning):
-                self.agenda.give_up(InvalidStateError("the scan ended before its turn came"))
+            following = self._after(mode)
             if following is None:
                 return
             mode, entered = following
+
+    def _after(self, mode: Mode) -> "tuple[Mode, Future[None]] | None":
+        """Work in a mode until it ends; what follows it."""
+        try:
+            mode.run()
+        except MotionError as error:
+            if self.once:
+                raise
+            self.agenda.give_up(IoFailureError(str(error)))
+            return self._standing_still(error), Future()
+        following = self.agenda.take()
+        if following is None and self.control.halted and not self.stop.is_set():
+            following = Idle(self), Future()
+        if following is None or not isinstance(following[0], Scanning):
+            self.agenda.give_up(InvalidStateError("the scan ended before its turn came"))
+        if following is not None and isinstance(following[0], (Scanning, Streaming)):
+            self.states.mend("stage")
+        return following
+
+    def _standing_still(self, error: MotionError) -> Mode:
+        """Nothing moves any more: what made the stage unsafe needs a person, who starts it again."""
+        _log.error("%s", error)
+        self.grabber.counts.error = str(error)
+        self.states.degrade("stage", str(error), "look at the stage, then start again")
+        return Idle(self, str(error))
 
     def _made(self, name: ModeName) -> Mode:
         if name == "idle":
             return Idle(self)
         return Streaming(self) if name == "stream" else Scanning(self)
-
-    def _prepared(self, name: ModeName) -> Mode:
-        mode = self._made(name)
-        mode.prepare()
-        return mode
 
     def _refuse_all(self) -> None:
         """Nobody serves any more: say so to all who wait, and to all who come."""
@@ -257,25 +287,6 @@ class Daemon:
             if self.origin.rig is not None:
                 self.origin.rig.close()
             self.rig.close()
-
-    def recover(self, mode: Mode) -> Recover:
-        """Opens lost devices again, with the state told; False where another mode was asked for first."""
-
-        def reopened(error: OperationError) -> bool:
-            self.states.enter("recovering", str(error))
-            self.control.inbox.refuse(UnavailableError(f"a device is lost ({error}): wait until it is back"))
-            done = self.rig.reopen(self._elsewhere)
-            if done:
-                self.states.enter(mode.state, mode.reason)
-            return done
-
-        return reopened
-
-    def _elsewhere(self) -> bool:
-        """Whether to give up waiting for a device; meanwhile what can be done without it is done."""
-        with suppress(DeviceLostError):
-            self.control.inbox.serve("pose")
-        return self.control.halted or self.agenda.changing
 
     def _captured(self, frame: Frame) -> None:
         self.emit(FrameCaptured(frame, self.rig.calibration.mount))

@@ -8,7 +8,7 @@ from concurrent.futures import Future
 from threading import BoundedSemaphore, Lock, Thread
 from typing import Any
 
-from drivers.errors import DriverError, InitialisationError, LimitError, StateError
+from drivers.errors import DriverError, InitialisationError, LimitError, MotionStoppedError, StateError
 from service.daemon.desk import Desk
 from service.daemon.verb import Answer, Command, Outcome, Reply, Verb
 from service.errors import (
@@ -18,6 +18,7 @@ from service.errors import (
     InvalidArgumentError,
     InvalidStateError,
     IoFailureError,
+    MotionError,
     NotFoundError,
     OutOfRangeError,
     OutputError,
@@ -38,6 +39,8 @@ _CODES: tuple[tuple[type[Exception], type[CommandError]], ...] = (
     (InitialisationError, OutOfRangeError),
     (ConfigurationError, InvalidArgumentError),
     (StateError, InvalidStateError),
+    (MotionStoppedError, InvalidStateError),
+    (MotionError, IoFailureError),
     (DriverError, IoFailureError),
     (OutputError, IoFailureError),
     (FileNotFoundError, NotFoundError),
@@ -125,7 +128,7 @@ class Dispatcher:
             self._accepted += 1
         self._note(request, verb)
         outcome = Outcome(answer) if isinstance(answer, Reply) else answer
-        request.answer(outcome.reply.model_dump_json().encode(), outcome.messages)
+        request.answer(outcome.reply.payload(), outcome.messages)
 
     def _note(self, request: Request, verb: Verb) -> None:
         if not verb.changes:

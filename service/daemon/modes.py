@@ -12,6 +12,7 @@ from service.capture.rig import Rig
 from service.capture.series import Capture
 from service.capture.stream import CarriedFrames, SweptFrames
 from service.config.sections import Configuration
+from service.daemon.recovery import Recovery
 from service.fusion.job import BurstJob, FrameJob
 from service.messages.burst import Burst, check_frame
 from service.messages.events import BurstCaptured
@@ -55,21 +56,21 @@ class Idle:
     """Devices are open, nothing is captured."""
 
     state: State = "idle"
-    reason = "waiting to be asked"
 
-    def __init__(self, daemon: Daemon) -> None:
-        self._daemon, self.rig = daemon, daemon.rig
+    def __init__(self, daemon: Daemon, reason: str = "waiting to be asked") -> None:
+        self._daemon, self.rig, self.reason = daemon, daemon.rig, reason
 
     def prepare(self) -> None: ...
 
     def run(self) -> None:
         daemon = self._daemon
-        recover = daemon.recover(self)
-        if not daemon.rig.is_open:  # something was asked for while a device was lost
-            recover(DeviceLostError("a device is still lost"))
+        recover = Recovery(daemon, self)
         while not daemon.ending:
             try:
+                if not daemon.rig.is_open:  # something was asked for while a device was lost
+                    raise DeviceLostError("a device is still lost")
                 daemon.control.rest()
+                daemon.control.renew()  # a cancellation that came too late
             except OperationError as error:
                 recover(error)
 
@@ -108,7 +109,7 @@ class Scanning:
         capture = Capture(
             daemon.grabber,
             self._source,
-            daemon.recover(self),
+            Recovery(daemon, self),
             lambda: daemon.ending,
             pause=settings.plan.pause,
             hurried=lambda: daemon.agenda.awaited,
@@ -120,7 +121,7 @@ class Scanning:
                 if daemon.once and not daemon.carries_pose:
                     return
                 if self.asked and not daemon.agenda.awaited:
-                    daemon.request("idle")
+                    daemon.rest()
         finally:
             daemon.next_burst = capture.number
 
@@ -156,7 +157,7 @@ class Streaming:
 
     def run(self) -> None:
         daemon, settings = self._daemon, self._daemon.configuration
-        capture = Capture(daemon.grabber, self._source, daemon.recover(self), lambda: daemon.ending)
+        capture = Capture(daemon.grabber, self._source, Recovery(daemon, self), lambda: daemon.ending)
         for number, frame in enumerate(capture.run()):
             calibration = daemon.rig.calibration
             check_frame(frame, calibration)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from concurrent.futures import Future
 from itertools import count
 from typing import TYPE_CHECKING, Literal
 
@@ -12,7 +11,7 @@ from drivers.errors import DriverError
 from drivers.frame import Frame
 from service.capture.control import StoppedError
 from service.capture.loop import numbered
-from service.capture.player import Player, Shot
+from service.capture.player import Player, Shot, Stepped
 from service.capture.rig import Rig
 from service.daemon.heartbeat import Heartbeat
 from service.errors import InvalidStateError, ServiceError
@@ -37,8 +36,6 @@ _AHEAD = 2
 """Frames of a stream that wait for their map; none is passed over."""
 
 Kind = Literal["scan", "stream"]
-Stepped = Future[BurstReport | None]
-
 _log = logging.getLogger(__name__)
 
 
@@ -62,7 +59,6 @@ class Playing:
         self.name, self.kind = name, kind
         self.state: State = "scanning" if kind == "scan" else "streaming"
         self._error: str | None = None
-        self._step: Stepped | None = None
         self._beats = 0
 
     @property
@@ -77,6 +73,7 @@ class Playing:
         player, frames = self.player, self._daemon.configuration.fusion.frames
         if self.kind == "scan" and not player.at_burst:
             player.seek(player.bursts.first(player.burst))
+            player.sought = False  # nothing is given up for that
         player.cut(frames)
         return Playing(self._daemon, self.rig, player, self.name, self.kind)
 
@@ -94,8 +91,10 @@ class Playing:
                     break
                 except DriverError as error:
                     self._fail(error)
-        self._give_up_step("the replay ended meanwhile")
-        self._daemon.fusing.backlog.clear()
+        following = self._daemon.agenda.next
+        if not (isinstance(following, Playing) and following.player is self.player):
+            self._give_up_step("the replay ended meanwhile")
+            self._daemon.fusing.backlog.clear()
 
     def change(self, do: Callable[[Player], None]) -> None:
         """Change how it is played; for the thread that runs it."""
@@ -109,7 +108,7 @@ class Playing:
     def step(self, frames: int) -> Stepped:
         """Play some frames and stand still; done when their last map is published, with its report."""
         self.change(lambda player: player.step(frames))
-        self._step = stepped = Stepped()
+        self.player.stepped = stepped = Stepped()
         return stepped
 
     def told(self) -> None:
@@ -190,7 +189,8 @@ class Playing:
         """The next frame, when it is due and, where it begins something, there is `room` for that to wait."""
         player, control, daemon = self.player, self._daemon.control, self._daemon
         while True:
-            control.inbox.serve("burst" if room is not None or not player.playing else "pose")
+            stands = not (player.playing or player.stepping)
+            control.inbox.serve("burst" if room is not None or stands else "pose")
             control.check()
             if daemon.ending:
                 raise StoppedError("something else was asked for")
@@ -213,7 +213,7 @@ class Playing:
 
     def _hand_over(self, job: Job, is_last: bool) -> None:
         daemon = self._daemon
-        stepped = self._step if is_last else None
+        stepped = self.player.stepped if is_last else None
 
         def done(result: FusedMap | Exception) -> None:
             daemon.control.inbox.wake()
@@ -232,12 +232,12 @@ class Playing:
 
     def _finish_step(self) -> None:
         """A step ended in the middle of a burst: there is no map."""
-        stepped, self._step = self._step, None
+        stepped, self.player.stepped = self.player.stepped, None
         if stepped is not None:
             self._daemon.emit(Delivery(lambda: _resolve(stepped, None)))
 
     def _give_up_step(self, why: str) -> None:
-        stepped, self._step = self._step, None
+        stepped, self.player.stepped = self.player.stepped, None
         if stepped is not None and not stepped.done():
             stepped.set_exception(InvalidStateError(why))
 
@@ -246,7 +246,7 @@ class Playing:
         _log.error("replay: %s", error)
         self.player.pause()
         self._error = str(error)
-        stepped, self._step = self._step, None
+        stepped, self.player.stepped = self.player.stepped, None
         if stepped is not None:
             stepped.set_exception(error)
         self.told()

@@ -40,6 +40,11 @@ class Reply(BaseModel):
     reason: str = Field(description="Why it is in that state.")
     paused: bool = Field(False, description="Whether it stands still between two poses.")
 
+    def payload(self) -> bytes:
+        """JSON, without the fields that this reply does not give."""
+        others = set(type(self).model_fields) - self.model_fields_set
+        return self.model_dump_json(exclude=others).encode()
+
 
 @dataclass(frozen=True, slots=True)
 class Outcome:

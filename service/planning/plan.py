@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from drivers.calibration import Intrinsics
 from drivers.errors import LimitError
-from drivers.stage import Limits, Position
+from drivers.position import Limits, Position
 from service.config.sections import PlanSection
 from service.errors import PlanError
 

@@ -50,9 +50,9 @@ class LoggedStage(ScriptedStage):
         super().__init__(clock)
         self.log: list[tuple[int, int, tuple[float, float]]] = []
 
-    def _wait(self, timeout: float) -> None:
+    def wait(self, timeout: float = 10.0) -> None:
         began = self.clock.now()
-        super()._wait(timeout)
+        super().wait(timeout)
         self.log.append((began, self.clock.now(), self.moves[-1]))
 
 

@@ -11,6 +11,7 @@ from drivers import (
     DeviceLostError,
     DeviceTimeoutError,
     Frame,
+    LimitError,
     NotAvailableError,
     OperationError,
     RecordingError,
@@ -21,6 +22,7 @@ from service.capture.loop import CarriedBursts, Grabber, ScanBursts
 from service.capture.rig import Rig
 from service.capture.series import Capture
 from service.config.sections import PlanSection
+from service.errors import MotionError
 from service.messages.burst import Burst
 from service.planning.plan import make_plan
 
@@ -73,13 +75,13 @@ def test_each_pose_is_reached_settled_and_stamped_with_the_reported_angles() -> 
 def test_no_frame_was_exposed_before_the_stage_stood_still() -> None:
     scene = Scene()
     settled = []
-    wait = scene.stage._wait
+    wait = scene.stage.wait
 
     def observed(timeout: float) -> None:
         wait(timeout)
         settled.append(scene.clock.now() + round(SETTLE * 1e9))
 
-    scene.stage._wait = observed  # type: ignore[method-assign]
+    scene.stage.wait = observed  # type: ignore[method-assign]
     (burst,) = scene.take(1)
     assert all(scene.camera.exposure_start(f) >= at for f, at in zip(burst.frames, settled, strict=True))
     assert scene.counts.stale > 0, "the camera ran while the stage moved, so some frames must have been stale"
@@ -154,11 +156,40 @@ def test_a_fault_that_stays_is_a_lost_device() -> None:
     assert scene.counts.lost == 1
 
 
-def test_a_stage_that_sticks_once_is_tried_again() -> None:
-    scene = Scene(stage_faults={2: DeviceTimeoutError("still moving")})
-    (burst,) = scene.take(1)
-    assert len(burst.frames) == 5
-    assert scene.counts.faults == 1
+FINAL = [DeviceTimeoutError("still moving"), OperationError("refused"), LimitError("ran into its limit")]
+
+
+@pytest.mark.parametrize("fault", FINAL, ids=lambda fault: type(fault).__name__)
+def test_after_a_failed_movement_nothing_moves_by_itself(fault: Exception) -> None:
+    scene = Scene(stage_faults={2: fault})
+    with pytest.raises(MotionError, match=f"{fault}; it stands still until started again"):
+        scene.take(1)
+    assert (len(scene.stage.moves), scene.stage.homings, scene.rig.reopened) == (3, 0, 0)
+    assert scene.stage.stops == 1
+
+
+def test_a_frame_that_is_tried_again_moves_nothing() -> None:
+    scene = Scene(camera_faults={2: OperationError("garbled")})
+    scene.take(1)
+    assert len(scene.stage.moves) == 5
+
+
+def test_a_lost_camera_stops_the_stage_and_leaves_it_open() -> None:
+    scene = Scene(camera_faults={6: DeviceLostError("unplugged")})
+    opened = []
+    scene.stage._open = lambda: opened.append(True)  # type: ignore[method-assign]
+    scene.take(1)
+    assert scene.stage.stops == 1
+    assert opened == [], "many stages forget where they are when they are opened"
+
+
+def test_told_to_stop_in_the_middle_of_a_movement_it_stops_the_stage() -> None:
+    scene = Scene()
+    after = scene.clock.now() + 100_000_000
+    scene.stage.interrupted = lambda: scene.clock.now() > after
+    assert scene.take(1) == []
+    assert scene.stage.stops == 1
+    assert scene.clock.now() - after < 0.2e9
 
 
 def test_a_lost_stage_interrupts_the_burst() -> None:

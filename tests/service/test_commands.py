@@ -4,13 +4,15 @@ import json
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from commanding import configuration, running, stranger
-from scripted import ScriptedCamera, ScriptedStage
+from scripted import ScriptedCamera, ScriptedStage, frame
 
 from drivers.clock import VirtualClock
 from service.capture.rig import Rig
 from service.messages.events import BurstCaptured, Commanded, HeadChanged, MapFused, ScanProgressed
+from service.planning.check import exposure_of
 
 
 class HastyClock(VirtualClock):
@@ -34,7 +36,6 @@ def test_a_scan_is_started_paused_resumed_and_stopped(tmp_path: Path, endpoint: 
             "state": "scanning",
             "reason": "",
             "paused": True,
-            "report": None,
         }
         refused = far.ask("cmd/settings", action="set", integration_time=0.01)
         assert refused["code"] == "INVALID_STATE"
@@ -282,3 +283,68 @@ class Aim(Verb):
 
 COMMAND = Command("cmd/beam", "Where the beam points.", (Aim,), BeamReply)
 '''
+
+
+def test_a_check_tells_what_a_burst_would_give_and_moves_nothing(tmp_path: Path, endpoint: str) -> None:
+    with running(configuration(tmp_path, endpoint), hasty_rig()) as service, stranger(endpoint) as far:
+        check = far.ask("cmd/scan", action="check")["check"]
+        assert service.rig.stage.moves == []
+        assert check["poses"] == 4
+        assert 0.7 < check["seconds"] < 3
+        assert check["coverage"] == 1.0
+        exposure = check["exposure"]
+        assert (exposure["saturated"], exposure["dark"]) == (0.0, 0.0)
+        assert sum(exposure["histogram"]) == 24
+        assert 0 < exposure["noise"] < 0.001
+        assert check["advice"] == []
+        assert service.daemon.grabber.counts.frames == 0
+
+
+def test_a_bad_exposure_is_told_with_advice() -> None:
+    counts = np.full((4, 6), 20_000, np.uint16)
+    amplitude = np.full((4, 6), 2_000, np.uint16)
+    amplitude[0, :3], counts[1:3] = 0xFFFF, 0
+    exposure = exposure_of([frame(0, counts=counts, amplitude=amplitude)] * 2)
+    assert (exposure.saturated, exposure.dark) == (3 / 24, 12 / 24)
+
+
+class SlowStage(ScriptedStage):
+    """Takes a minute for a movement, by the real clock, unless it is stopped."""
+
+    def _remaining(self) -> float:
+        time.sleep(0.005)
+        return 60.0 if self._arrival else 0.0
+
+
+def slow_rig() -> Rig:
+    clock = HastyClock(1_700_000_000_000_000_000)
+    return Rig(ScriptedCamera(clock), SlowStage(clock), clock)
+
+
+def test_a_stage_that_moves_is_stopped_at_once_and_the_scan_with_it(tmp_path: Path, endpoint: str) -> None:
+    settings = configuration(tmp_path, endpoint, start="scan", stage={"timeout": 300})
+    with running(settings, slow_rig(), "scanning") as service, stranger(endpoint) as far:
+        service.wait(lambda: len(service.rig.stage.moves) == 1)
+        began = time.monotonic()
+        reply = far.ask("cmd/stage", action="stop")
+        assert time.monotonic() - began < 3
+        assert reply["uncertainty"] is None
+        assert service.rig.stage.stops >= 1
+        service.wait_state("idle")
+        assert len(service.rig.stage.moves) == 1
+
+
+def test_homing_needs_idle_and_is_stopped_by_stop(tmp_path: Path, endpoint: str) -> None:
+    with (
+        running(configuration(tmp_path, endpoint), slow_rig()) as service,
+        stranger(endpoint) as far,
+        stranger(endpoint) as other,
+    ):
+        far.send("lidarboost/rig/cmd/stage", payload='{"action": "home"}')
+        service.wait(lambda: len(service.rig.stage.moves) == 1)  # back to 0°, 0°
+        assert other.ask("cmd/settings", action="get")["state"] == "idle"
+        assert other.ask("cmd/stage", action="stop")["uncertainty"] is not None
+        [reply] = far.replies()
+        assert reply["error"]["code"] == "INVALID_STATE"
+        assert "told to stop" in reply["error"]["message"]
+        assert other.ask("cmd/stage", action="get")["pan"] is None

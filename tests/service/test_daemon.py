@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scripted import ScriptedCamera, ScriptedStage, frame
 
-from drivers import DeviceLostError, Frame
+from drivers import DeviceLostError, Frame, LimitError
 from drivers.clock import VirtualClock
 from drivers.messages import decode_image
 from drivers.recording import open_recording
@@ -18,9 +18,12 @@ from service.capture.rig import Rig
 from service.config.file import load
 from service.config.sections import Configuration
 from service.daemon.daemon import Daemon
+from service.daemon.modes import Scanning
 from service.daemon.run import run_service
-from service.errors import ConfigurationError, PlanError, ServiceError, SessionError
-from service.messages.events import DevicesOpened, Event, MapFused, StateChanged
+from service.daemon.systemd import WATCHDOG
+from service.errors import ConfigurationError, MotionError, PlanError, ServiceError, SessionError
+from service.messages.events import DevicesOpened, Event, MapFused, StateChanged, StatusTold
+from service.messages.status import Status
 from service.messages.summary import RunSummary
 from service.sinks.sink import Sink
 from service.wire.session import open_session
@@ -109,6 +112,40 @@ def test_the_scan_loop_goes_on_through_a_lost_camera(configure) -> None:
     assert states[-3:] == ["recovering", "scanning", "stopping"] or states[-2:] == ["recovering", "scanning"]
     assert not lost.camera.is_open
     assert not lost.stage.is_open
+
+
+def test_after_a_failed_movement_it_stands_still_says_why_and_stays_alive(configure, monkeypatch) -> None:
+    fed: list[str] = []
+    monkeypatch.setattr("service.daemon.monitor.notify", lambda *lines: fed.extend(lines))
+    stuck = rig()
+    stuck.stage.faults = {9: LimitError("ran into its limit")}
+    statuses: list[Status] = []
+
+    class Watches(Sink):
+        def started(self, daemon: Daemon) -> None:
+            self.daemon = daemon
+
+        def take(self, event: Event) -> None:
+            if isinstance(event, StatusTold) and event.status.state == "idle":
+                if not statuses:
+                    fed.clear()
+                statuses.append(event.status)
+                if len(statuses) == 4:
+                    self.daemon.stop.set()
+
+    sink = Watches()
+    run_service(configure(), stuck, sinks={"test": lambda: sink}, started=sink.started)
+    assert statuses[0].reason == "ran into its limit; it stands still until started again"
+    assert statuses[0].degraded[0].what == statuses[0].error == statuses[0].reason
+    assert fed.count(WATCHDOG) >= 2, "killed and started again it would move by itself"
+    assert len(stuck.stage.moves) == 10
+
+
+def test_one_pass_ends_with_a_failed_movement(configure) -> None:
+    stuck = rig()
+    stuck.stage.faults = {2: LimitError("ran into its limit")}
+    with pytest.raises(MotionError, match="ran into its limit"):
+        run_service(configure(), stuck, once=True)
 
 
 def test_recorded_bursts_are_all_fused_in_order(configure) -> None:
@@ -207,10 +244,10 @@ def test_an_idle_service_captures_nothing_until_it_is_asked(configure) -> None:
                 states.append(event.state)
                 if event.state == "idle" and not seen:
                     assert self.daemon.grabber.counts.frames == 0
-                    self.daemon.request("scan")
+                    self.daemon.begin(Scanning(self.daemon))
             elif isinstance(event, MapFused):
                 seen.append(event)
-                self.daemon.request("idle")
+                self.daemon.rest()
                 if len(states) > 3:
                     self.daemon.stop.set()
             if states[-1:] == ["idle"] and seen:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from drivers.calibration import Mount, sr3000_calibration
+from drivers.position import Limits
 from drivers.simulated import SimulatedStage
-from drivers.stage import Limits
 from service.config.sections import PlanSection
 from service.planning.estimate import estimate_plan
 from service.planning.plan import make_plan

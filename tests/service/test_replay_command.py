@@ -69,7 +69,7 @@ def test_steps_and_seeks_go_by_bursts_and_by_frames(tmp_path: Path, endpoint: st
         assert far.ask("cmd/replay", action="seek", frame=6)["replay"]["seconds"] == pytest.approx(0.6)
         before = len(numbers(service))
         reply = far.ask("cmd/replay", action="step", unit="frame")
-        assert (reply["report"], reply["replay"]["frame"]) == (None, 7)
+        assert ("report" in reply, reply["replay"]["frame"]) == (False, 7)
         service.wait(lambda: len(numbers(service)) > before)
         assert numbers(service)[before:] == [6]
         reply = far.ask("cmd/replay", action="step")  # the rest of the burst, which lacks its beginning

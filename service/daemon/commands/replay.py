@@ -195,7 +195,8 @@ def _change(desk: Desk, do: Callable[[Playing], None]) -> Answer:
 
 
 def _reply(desk: Desk, report: BurstReport | None = None) -> ReplayReply:
-    return desk.reply(ReplayReply, replay=desk.daemon.replay, report=report)
+    known = {} if report is None else {"report": report}
+    return desk.reply(ReplayReply, replay=desk.daemon.replay, **known)
 
 
 def _within(name: str, value: N, most: float) -> N:

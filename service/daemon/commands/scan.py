@@ -6,19 +6,25 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from service.daemon.desk import Desk
-from service.daemon.modes import Scanning
+from service.daemon.modes import Scanning, planned
 from service.daemon.verb import Answer, Command, Outcome, Place, Reply, Verb, then
 from service.errors import InvalidStateError
 from service.messages.encoding import fused_messages
 from service.messages.events import Delivery
 from service.messages.map import FusedMap
 from service.messages.report import BurstReport
+from service.planning.check import ScanCheck, check_scan
+from service.planning.estimate import estimate_plan
+
+_LOOKED_AT = 5
+"""Frames from which exposure and noise are taken."""
 
 
 class ScanReply(Reply):
     """Where the scan is."""
 
     report: BurstReport | None = Field(None, description="How the fusion went; of `once`.")
+    check: ScanCheck | None = Field(None, description="What a burst would give; of `check`.")
 
 
 class Start(Verb):
@@ -44,7 +50,7 @@ class Stop(Verb):
         if desk.daemon.control.paused:
             raise InvalidStateError("paused in a burst: resume it, or cancel it")
         if desk.is_scanning:
-            desk.daemon.request("idle")
+            desk.daemon.rest()
         return desk.reply(ScanReply)
 
 
@@ -56,8 +62,8 @@ class Cancel(Verb):
     def carry_out(self, desk: Desk) -> Answer:
         _refuse_stream(desk)
         if desk.is_scanning:
-            desk.daemon.request("idle")
             desk.daemon.control.cancel()
+            desk.daemon.rest()
         return desk.reply(ScanReply)
 
 
@@ -73,12 +79,13 @@ class Once(Verb):
     def carry_out(self, desk: Desk) -> Answer:
         _refuse_stream(desk)
         daemon, answer = desk.daemon, Future[Outcome]()
-        mode = Scanning(daemon, asked=True) if desk.is_idle and not daemon.ending else None
-        if mode is not None:
+        following = daemon.agenda.next or desk.mode
+        mode = following if isinstance(following, Scanning) else Scanning(daemon, asked=True)
+        if mode is not following:
             mode.prepare()
         daemon.agenda.queue(lambda result: self._fused(desk, answer, result))
-        if mode is not None:
-            daemon.agenda.ask(lambda: mode)
+        if mode is not following:
+            daemon.agenda.ask(mode)
         return answer
 
     def _fused(self, desk: Desk, answer: "Future[Outcome]", result: FusedMap | Exception) -> None:
@@ -90,6 +97,30 @@ class Once(Verb):
     def _outcome(self, desk: Desk, result: FusedMap) -> Outcome:
         reply = desk.reply(ScanReply, report=result.report)
         return Outcome(reply, fused_messages(result) if self.map else ())
+
+
+class Check(Verb):
+    """What a burst would give: nothing moves, a few frames are looked at."""
+
+    place: ClassVar[Place] = "burst"
+    changes: ClassVar[bool] = False
+    action: Literal["check"]
+
+    def carry_out(self, desk: Desk) -> Answer:
+        daemon = desk.daemon
+        if daemon.carries_pose:
+            raise InvalidStateError("a recording is played: its poses and its exposure are what they are")
+        settings, rig, grabber = daemon.configuration, daemon.rig, daemon.grabber
+        plan = planned(settings, rig, settings.fusion.frames)
+        section = settings.plan
+        expected = estimate_plan(
+            plan, rig.calibration, settings.fusion.upsampling, section.nearest, section.farthest
+        )
+        now = rig.clock.now()
+        grabber.restart()
+        frames = [grabber.grab_fresh(now) for _ in range(_LOOKED_AT)]
+        found = check_scan(plan, expected, frames, settle=settings.stage.settle, speed=rig.stage.speed)
+        return desk.reply(ScanReply, check=found)
 
 
 class Pause(Verb):
@@ -129,6 +160,6 @@ def _refuse_stream(desk: Desk) -> None:
 COMMAND = Command(
     "cmd/scan",
     "Bursts by the plan, each fused into a map.",
-    (Start, Stop, Cancel, Once, Pause, Resume),
+    (Start, Stop, Cancel, Once, Pause, Resume, Check),
     ScanReply,
 )

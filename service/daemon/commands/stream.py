@@ -48,7 +48,7 @@ class Stop(Verb):
         if desk.is_scanning:
             raise InvalidStateError("scanning: end the scan with cmd/scan stop")
         if desk.is_streaming:
-            desk.daemon.request("idle")
+            desk.daemon.rest()
         return _reply(desk)
 
 
