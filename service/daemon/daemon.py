@@ -30,7 +30,7 @@ from service.daemon.origin import Origin
 from service.daemon.playing import Playing
 from service.daemon.states import States
 from service.daemon.systemd import READY, STOPPING, notify
-from service.errors import InvalidStateError, IoFailureError, MotionError, UnavailableError
+from service.errors import InvalidStateError, IoFailureError, MotionError
 from service.messages.events import Event, FrameCaptured, ScanProgressed
 from service.messages.replay import ReplayState
 from service.messages.status import CommandCounts
@@ -126,8 +126,6 @@ class Daemon:
         Raises:
             DriverError, ServiceError: it cannot be made ready; what was at work goes on.
         """
-        if mode.rig is self.rig and not self.rig.is_open:
-            raise UnavailableError("a device is lost: wait until it is back")
         mode.prepare()
         return self.agenda.ask(mode)
 

@@ -75,6 +75,11 @@ class Desk:
         if self.is_playing:
             raise InvalidStateError("a recording is played: end that first, with cmd/replay stop")
 
+    def require_devices(self) -> None:
+        """Raise where one is lost, which a replay does without."""
+        if not self.daemon.rig.is_open:
+            raise UnavailableError("a device is lost: wait until it is back; a replay must end for that")
+
     def refuse_paused(self) -> None:
         """Raise where a scan is paused."""
         _ = self.mode

@@ -4,13 +4,19 @@ import os
 import time
 from itertools import pairwise
 from pathlib import Path
+from threading import Event
+from typing import Any
 
 import pytest
 from commanding import Running, running, stranger
 from replaying import BURSTS, FRAMES, START, playable, record
+from scripted import ScriptedCamera
 from test_commands import hasty_rig
 
+from drivers.errors import DeviceLostError, NotAvailableError
+from service.fusion.local import LocalExecutor
 from service.messages.events import BurstCaptured, FrameCaptured, FusionFailed, MapFused, ReplayTold
+from service.messages.map import FusedMap
 
 ALL = BURSTS * FRAMES
 
@@ -63,15 +69,14 @@ def test_steps_and_seeks_go_by_bursts_and_by_frames(tmp_path: Path, endpoint: st
         assert (reply["report"]["burst"], reply["replay"]["frame"]) == (10, FRAMES)
         reply = far.ask("cmd/replay", action="step", count=2)
         assert (reply["report"]["burst"], reply["replay"]["burst"]) == (12, 3)
-        assert bursts(service) == [10, 11, 12]
+        service.wait(lambda: bursts(service) == [10, 11, 12])
         assert far.ask("cmd/replay", action="seek", burst=1)["replay"]["frame"] == FRAMES
         assert far.ask("cmd/replay", action="seek", seconds=1.5)["replay"]["frame"] == 3 * FRAMES
         assert far.ask("cmd/replay", action="seek", frame=6)["replay"]["seconds"] == pytest.approx(0.6)
         before = len(numbers(service))
         reply = far.ask("cmd/replay", action="step", unit="frame")
         assert ("report" in reply, reply["replay"]["frame"]) == (False, 7)
-        service.wait(lambda: len(numbers(service)) > before)
-        assert numbers(service)[before:] == [6]
+        service.wait(lambda: numbers(service)[before:] == [6])
         reply = far.ask("cmd/replay", action="step")  # the rest of the burst, which lacks its beginning
         report = reply["report"]
         assert (report["burst"], report["frames"], report["missing"]) == (11, 2, 2)
@@ -97,7 +102,7 @@ def test_a_seek_begins_a_stream_anew(tmp_path: Path, endpoint: str) -> None:
         far.ask("cmd/replay", action="seek", seconds=1.0)
         frames += [far.ask("cmd/replay", action="step")["report"]["frames"] for _ in range(2)]
         assert frames == [1, 2, 3, 1, 2]
-        assert numbers(service) == [0, 1, 2, 10, 11]
+        service.wait(lambda: numbers(service) == [0, 1, 2, 10, 11])
         assert far.ask("cmd/replay", action="step", unit="burst")["replay"]["frame"] == 16
         far.ask("cmd/replay", action="speed", speed=None)
         far.ask("cmd/replay", action="play")
@@ -250,3 +255,52 @@ def test_what_cannot_be_done_is_refused_with_its_code(tmp_path: Path, endpoint: 
             refused = far.ask("cmd/replay", action="seek", **arguments)
             assert refused["code"] == code, arguments
         assert far.ask("cmd/replay", action="get")["replay"]["frame"] == 0
+
+
+def test_a_fusion_that_is_slow_holds_the_replay_back_and_commands_get_through(
+    tmp_path: Path, endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = Event()
+    done = LocalExecutor._done
+
+    def slow(*arguments: Any) -> FusedMap:
+        assert free.wait(60)
+        return done(*arguments)
+
+    monkeypatch.setattr(LocalExecutor, "_done", slow)
+    settings = playable(tmp_path, endpoint, fusion={"backlog": 1})
+    with running(settings, hasty_rig()) as service, stranger(endpoint) as far:
+        for mode, taken, maps in (("scan", 2 * FRAMES, BURSTS), ("stream", 3, BURSTS + ALL)):
+            free.clear()
+            before = len(numbers(service))
+            far.ask("cmd/replay", action="load", file="five.mcap", mode=mode, speed=None, play=True)
+            service.wait(lambda before=before, taken=taken: len(numbers(service)) == before + taken)
+            for action in ("pause", "play", "get"):
+                assert far.ask("cmd/replay", action=action)["replay"]["frame"] == taken
+            free.set()
+            service.wait(lambda maps=maps: len(service.of(MapFused)) == maps)
+            assert far.ask("cmd/replay", action="get")["replay"]["ended"] is True
+        assert service.daemon is not None
+        backlog = service.daemon.fusing.backlog
+        assert (backlog.dropped, backlog.skipped) == (0, 0)
+
+
+def test_it_plays_while_a_device_is_lost_which_is_opened_again_afterwards(
+    tmp_path: Path, endpoint: str
+) -> None:
+    rig = hasty_rig(faults={1: DeviceLostError("unplugged")})
+    camera = rig.camera
+    assert isinstance(camera, ScriptedCamera)
+    with running(playable(tmp_path, endpoint), rig) as service, stranger(endpoint) as far:
+        camera.refusals = [NotAvailableError("no camera")] * 1000
+        far.ask("cmd/scan", action="start")
+        service.wait_state("recovering")
+        assert far.ask("cmd/replay", action="load", file="five.mcap")["state"] == "scanning"
+        assert far.ask("cmd/replay", action="step")["report"]["burst"] == 10
+        assert far.ask("cmd/scan", action="start")["code"] == "UNAVAILABLE"
+        assert far.ask("cmd/fusion", action="set", fill=3.0)["fusion"]["fill"] == 3.0
+        far.ask("cmd/replay", action="stop")
+        service.wait_state("recovering")
+        camera.refusals = []
+        service.wait_state("idle")
+        assert far.ask("cmd/scan", action="once")["report"]["frames"] == 4

@@ -34,6 +34,7 @@ class Start(Verb):
     action: Literal["start"]
 
     def carry_out(self, desk: Desk) -> Answer:
+        desk.require_devices()
         if isinstance(desk.mode, Scanning) and not desk.mode.asked and not desk.daemon.ending:
             return desk.reply(ScanReply)
         begun = desk.daemon.begin(Scanning(desk.daemon))
