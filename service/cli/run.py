@@ -15,6 +15,7 @@ import typer
 if TYPE_CHECKING:
     from service.config.sections import Configuration
     from service.daemon.daemon import Daemon
+    from service.fusion.local import LocalExecutor
     from service.messages.summary import RunSummary
 
 _IMPATIENCE = 2.0
@@ -90,37 +91,64 @@ def run(
     was lost: a damaged recording, a burst that could not be fused,
     something not delivered. A daemon told to stop ends with 0.
     """
-    from drivers.errors import MotionStoppedError
-    from service.capture.rig import make_rig
-    from service.cli.operator import TerminalOperator, with_consent
-    from service.cli.progress import progress_sink
+    from service.cli.operator import with_consent
     from service.config.file import load
-    from service.daemon.logs import log_to_stream
-    from service.daemon.run import run_service
+    from service.fusion.local import LocalExecutor
 
     _check(replay, speed, loop, once)
     configuration = with_consent(load(config), home)
     if replay is not None:
         configuration = _playing(configuration, replay, speed or (None if once else 1.0), loop)
-    log_to_stream(logging.WARNING if once or as_json else logging.INFO)
-    rig = make_rig(configuration, operator=TerminalOperator(home, sees_log=not (once or as_json)))
-    sinks = {"progress": progress_sink()} if once and not as_json else {}
-    with _stopped_by_signals() as signals:
-        try:
-            summary = run_service(
-                configuration, rig, output=output, once=once, sinks=sinks, started=signals.stops
-            )
-        except MotionStoppedError as error:  # while the stage was opened: there is nothing to sum up
-            if once:
-                raise typer.Abort from error
-            return
+    with LocalExecutor.configured(configuration) as executor:  # its process starts while the rest is imported
+        served = _served(configuration, executor, output, home=home, once=once, quiet=as_json)
+    if served is None:
+        return
+    summary, told = served
     if as_json:
         print(summary.model_dump_json(indent=2))
     else:
         _tell(summary)
     # A daemon that was told to stop has done its work, whatever it lost on the way.
-    if summary.lost and not (signals.told and not once):
+    if summary.lost and not (told and not once):
         raise typer.Exit(3)
+
+
+def _served(
+    configuration: "Configuration",
+    executor: "LocalExecutor",
+    output: Path | None,
+    *,
+    home: bool,
+    once: bool,
+    quiet: bool,
+) -> "tuple[RunSummary, bool] | None":
+    """Run the service; what it did and whether it was told to stop, None where it was before it began."""
+    from drivers.errors import MotionStoppedError
+    from service.capture.rig import make_rig
+    from service.cli.operator import TerminalOperator
+    from service.cli.progress import progress_sink
+    from service.daemon.logs import log_to_stream
+    from service.daemon.run import run_service
+
+    log_to_stream(logging.WARNING if once or quiet else logging.INFO)
+    rig = make_rig(configuration, operator=TerminalOperator(home, sees_log=not (once or quiet)))
+    sinks = {"progress": progress_sink()} if once and not quiet else {}
+    with _stopped_by_signals() as signals:
+        try:
+            summary = run_service(
+                configuration,
+                rig,
+                output=output,
+                once=once,
+                sinks=sinks,
+                executor=executor,
+                started=signals.stops,
+            )
+        except MotionStoppedError as error:  # while the stage was opened: there is nothing to sum up
+            if once:
+                raise typer.Abort from error
+            return None
+    return summary, signals.told
 
 
 def _check(replay: Path | None, speed: float | None, loop: bool, once: bool) -> None:

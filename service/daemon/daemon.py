@@ -31,6 +31,7 @@ from service.daemon.playing import Playing
 from service.daemon.states import States
 from service.daemon.systemd import READY, STOPPING, notify
 from service.errors import InvalidStateError, IoFailureError, MotionError
+from service.fusion.local import LocalExecutor
 from service.messages.events import Event, FrameCaptured, ScanProgressed
 from service.messages.replay import ReplayState
 from service.messages.status import CommandCounts
@@ -54,11 +55,20 @@ class Daemon:
         configuration: what to do.
         rig: the configured devices, closed.
         bus: takes the events.
+        executor: fuses; whoever made it closes it.
         once: one pass: a recording to its end, one burst of the plan, or one window of a stream. Nothing is
             dropped then: whoever is faster waits.
     """
 
-    def __init__(self, configuration: Configuration, rig: Rig, bus: Bus, *, once: bool = False) -> None:
+    def __init__(
+        self,
+        configuration: Configuration,
+        rig: Rig,
+        bus: Bus,
+        executor: LocalExecutor,
+        *,
+        once: bool = False,
+    ) -> None:
         self.configuration, self.rig, self.bus, self.once = configuration, rig, bus, once
         self.stop = Flag()
         self.control, self.agenda = Control(self.stop), Agenda()
@@ -68,7 +78,7 @@ class Daemon:
         self.recording: Recording | None = None
         self.next_burst = 0
         self.grabber = Grabber(rig, configuration.camera.timeout, self.control, self._captured)
-        self.fusing = Fusing(configuration, self.emit, lossless=once)
+        self.fusing = Fusing(executor, self.emit, lossless=once)
         self.origin = Origin(lambda: self.configuration, self.fusing, self.emit)
         self._advance = Advance(lambda: self.origin.planned, lambda: self.fusing.backlog.unfinished)
         self.mode: Mode | None = None
@@ -165,10 +175,6 @@ class Daemon:
         fresh.prepare()
         return fresh
 
-    def close(self) -> None:
-        """End the process that fuses, whatever it does."""
-        self.fusing.close()
-
     def run(self) -> None:
         """Work until a recording ends, one pass is done, or `stop` is set.
 
@@ -177,7 +183,6 @@ class Daemon:
             ServiceError: a plan out of reach, a fusion that cannot work, or not one map.
         """
         with ExitStack() as stack:
-            stack.callback(self.close)
             stack.callback(self._refuse_all)
             stack.enter_context(self._open_rig())
             self.recording = recording_of(self.rig.camera)

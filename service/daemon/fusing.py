@@ -7,7 +7,6 @@ from threading import Event as Flag
 import numpy as np
 from numpy.typing import NDArray
 
-from service.config.sections import Configuration
 from service.errors import ServiceError
 from service.fusion.backlog import Backlog
 from service.fusion.job import Job
@@ -19,10 +18,10 @@ _log = logging.getLogger(__name__)
 
 
 class Fusing:
-    """An executor with its backlog.
+    """An executor and what waits for it.
 
     Args:
-        configuration: what to be ready for.
+        executor: does the work.
         emit: told of every map, and of every job without one.
         lossless: nothing is dropped; whoever is faster waits.
 
@@ -30,11 +29,8 @@ class Fusing:
         truth: (βH, βW) true distance of the first view, metres, or None.
     """
 
-    def __init__(
-        self, configuration: Configuration, emit: Callable[[Event], None], *, lossless: bool
-    ) -> None:
-        window = configuration.stream.window if configuration.start == "stream" else None
-        self.executor = LocalExecutor(configuration.fusion, window)
+    def __init__(self, executor: LocalExecutor, emit: Callable[[Event], None], *, lossless: bool) -> None:
+        self.executor = executor
         self.backlog = Backlog(self.executor, self._fused, self._failed, lossless=lossless)
         self.truth: NDArray[np.float32] | None = None
         self._emit = emit
@@ -54,10 +50,6 @@ class Fusing:
         """Do what is left, or what can be done of it within `timeout` seconds."""
         if not self.backlog.drain(timeout):
             self.backlog.clear()
-
-    def close(self) -> None:
-        """End the process that fuses, whatever it does."""
-        self.executor.close()
 
     def next_stream(self) -> int:
         """The number of a stream that begins; its grid is that of the first view."""

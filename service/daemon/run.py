@@ -11,6 +11,7 @@ from service.config.sections import Configuration
 from service.daemon.commanded import commanded
 from service.daemon.daemon import Daemon
 from service.files import made_directory
+from service.fusion.local import LocalExecutor
 from service.messages.summary import BurstSummary, RunSummary
 from service.sinks.bus import Bus
 from service.sinks.configured import configured_sinks
@@ -37,6 +38,7 @@ def run_service(
     output: Path | None = None,
     once: bool = False,
     sinks: SinkMakers | None = None,
+    executor: LocalExecutor | None = None,
     started: Callable[[Daemon], None] = lambda _: None,
 ) -> RunSummary:
     """Run the service until it is over, and hand everything over.
@@ -47,6 +49,7 @@ def run_service(
         output: directory for `fused.mcap` and pictures, or None.
         once: one pass, in which nothing is dropped.
         sinks: more that take the events, by name.
+        executor: fuses; None = one of its own, which is closed in the end.
         started: called with the daemon before it runs, so that it can be stopped.
 
     Raises:
@@ -59,12 +62,13 @@ def run_service(
     summaries: deque[BurstSummary] = deque(maxlen=1000)
     makers = {**configured_sinks(configuration.sinks), **(sinks or {})}
     with ExitStack() as stack:
+        if executor is None:
+            executor = stack.enter_context(LocalExecutor.configured(configuration))
         session = stack.enter_context(open_session(file=configuration.zenoh.config))
         if output is not None:
             stack.enter_context(made_directory(output))
         bus = stack.enter_context(Bus(lossless=once))
-        daemon = Daemon(configuration, rig, bus, once=once)
-        stack.callback(daemon.close)
+        daemon = Daemon(configuration, rig, bus, executor, once=once)
         bus.add("summaries", lambda: Summaries(summaries))
         bus.add("publisher", lambda: Publisher(session, configuration.zenoh.prefix, lossless=once))
         if configuration.recording.enabled:

@@ -2,44 +2,16 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from drivers.calibration import Calibration, Intrinsics
 from drivers.frame import Frame
-from service.config.sections import FusionSection
 from service.fusion.fuse import fuse_burst
-from service.fusion.job import BurstJob, FrameJob, Job
+from service.fusion.job import Answer, BurstJob, Failure, FrameJob, Job, Ready, WarmUp
 from service.fusion.streams import Stream
 from service.messages.burst import Burst
-from service.messages.map import FusedMap
 from solver.errors import FusionError
-
-
-@dataclass(frozen=True, slots=True)
-class WarmUp:
-    """Have the kernels ready that these settings need, and those of a stream of that window."""
-
-    settings: FusionSection
-    window: int | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Ready:
-    """They are, after so many seconds."""
-
-    seconds: float
-
-
-@dataclass(frozen=True, slots=True)
-class Failure:
-    """A job that could not be done, and why."""
-
-    reason: str
-
-
-Answer = FusedMap | Ready | Failure
 
 
 def answering() -> Callable[[Job | WarmUp], Answer]:

@@ -1,4 +1,4 @@
-"""What is given to an executor: frames, and how to fuse them."""
+"""What is given to an executor and its process, and what comes back."""
 
 import time
 from dataclasses import dataclass, field
@@ -7,6 +7,7 @@ from drivers.calibration import Calibration
 from drivers.frame import Frame
 from service.config.sections import FusionSection
 from service.messages.burst import Burst
+from service.messages.map import FusedMap
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,3 +53,28 @@ class FrameJob:
 
 
 Job = BurstJob | FrameJob
+
+
+@dataclass(frozen=True, slots=True)
+class WarmUp:
+    """Have the kernels ready that these settings need, and those of a stream of that window."""
+
+    settings: FusionSection
+    window: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Ready:
+    """They are, after so many seconds."""
+
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A job that could not be done, and why."""
+
+    reason: str
+
+
+Answer = FusedMap | Ready | Failure

@@ -6,12 +6,12 @@ from collections import deque
 from concurrent.futures import Future
 from dataclasses import replace
 from threading import Condition, Thread
+from typing import Self
 
-from service.config.sections import FusionSection
+from service.config.sections import Configuration, FusionSection
 from service.errors import HungError, WorkerError
-from service.fusion.answering import Answer, Failure, Ready, WarmUp
 from service.fusion.deadline import Deadline
-from service.fusion.job import Job
+from service.fusion.job import Answer, Failure, Job, Ready, WarmUp
 from service.messages.map import FusedMap
 from service.messages.status import FusionState
 from service.processes.worker import Worker
@@ -52,6 +52,18 @@ class LocalExecutor:
         self._thread = Thread(target=self._run, name="fusion", daemon=True)
         self._thread.start()
 
+    @classmethod
+    def configured(cls, configuration: Configuration) -> Self:
+        """One that is ready for what the service does first."""
+        window = configuration.stream.window if configuration.start == "stream" else None
+        return cls(configuration.fusion, window)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
     def submit(self, job: Job) -> "Future[FusedMap]":
         """Queue a job."""
         future: Future[FusedMap] = Future()
@@ -81,10 +93,10 @@ class LocalExecutor:
             future.cancel()
 
     def _run(self) -> None:
-        fatal = None
+        fatal: Exception | None = None
         try:
             self.ready.set_result(self._start())
-        except WorkerError as error:
+        except Exception as error:  # whatever it is, whoever waits must hear of it
             fatal = error
             self.ready.set_exception(error)
         while (item := self._next()) is not None:
@@ -92,7 +104,7 @@ class LocalExecutor:
             if future.set_running_or_notify_cancel():
                 try:
                     future.set_result(self._done(job, fatal))
-                except (FusionError, WorkerError) as error:
+                except Exception as error:
                     future.set_exception(error)
         self._worker.kill()
 
@@ -101,7 +113,7 @@ class LocalExecutor:
             self._changed.wait_for(lambda: self._closing or bool(self._jobs))
             return None if self._closing else self._jobs.popleft()
 
-    def _done(self, job: Job, fatal: WorkerError | None) -> FusedMap:
+    def _done(self, job: Job, fatal: Exception | None) -> FusedMap:
         """A job's map; tried once more where the process died or hung over it."""
         if fatal is not None:
             raise fatal
@@ -152,7 +164,9 @@ class LocalExecutor:
             if isinstance(answer, Failure):
                 self._worker.kill()
                 raise WorkerError(f"the fusion cannot work as configured: {answer.reason}")
-            assert isinstance(answer, Ready)
+            if not isinstance(answer, Ready):
+                self._worker.kill()
+                raise WorkerError("the fusion process answers as another version would: install it anew")
             _log.info("fusion ready after %.1f s", answer.seconds)
             return answer.seconds
         raise AssertionError("unreachable")

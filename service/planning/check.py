@@ -27,9 +27,7 @@ class Exposure(_Part):
 
     frames: int = Field(ge=1, description="Frames looked at.")
     saturated: float = Field(ge=0, le=1, description="Share of the pixels with too much light.")
-    dark: float = Field(
-        ge=0, le=1, description="Share of the pixels that the camera rejects for other reasons."
-    )
+    dark: float = Field(ge=0, le=1, description="Share of the pixels rejected for other reasons.")
     histogram: tuple[int, ...] = Field(description="Pixels of one frame by amplitude, in equal steps.")
     histogram_top: float = Field(description="Amplitude at the end of the last step, counts.")
     noise: float | None = Field(

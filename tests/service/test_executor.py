@@ -19,11 +19,11 @@ from scripted import calibration, frame
 
 from service.config.sections import FusionSection
 from service.errors import HungError, WorkerError
-from service.fusion.answering import WarmUp, answering
+from service.fusion.answering import answering
 from service.fusion.backlog import Backlog
 from service.fusion.deadline import Deadline
 from service.fusion.executor import Executor
-from service.fusion.job import BurstJob, FrameJob, Job
+from service.fusion.job import BurstJob, FrameJob, Job, WarmUp
 from service.fusion.local import LocalExecutor
 from service.messages.burst import Burst
 from service.messages.map import FusedMap
@@ -290,3 +290,30 @@ def test_arrays_cross_the_border_unchanged_and_may_be_written_to(started: LocalE
     again = map_of(started, replace(one))
     assert np.all(again.distance != 0)
     assert first.frame.counts.dtype == np.uint16
+
+
+class Unreadable(FusionSection):
+    """Cannot be read by the process."""
+
+    def __reduce__(self):  # type: ignore[no-untyped-def]
+        return int, ("not a number",)
+
+
+def test_a_request_that_cannot_be_read_is_an_error_and_no_endless_wait() -> None:
+    executor = LocalExecutor(Unreadable(**SETTINGS.model_dump()))
+    try:
+        with pytest.raises(WorkerError, match=r"the fusion process died \(exit status 1\)"):
+            executor.ready.result(120)
+    finally:
+        executor.close()
+
+
+def test_an_answer_that_is_none_is_an_error_and_no_endless_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.fusion.local.Ready", type("AnotherReady", (), {}))
+    executor = LocalExecutor(SETTINGS)
+    try:
+        for future in (executor.ready, executor.submit(job(0))):
+            with pytest.raises(WorkerError, match="another version"):
+                future.result(60)
+    finally:
+        executor.close()
