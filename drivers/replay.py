@@ -45,6 +45,16 @@ class ReplayCamera(Camera):
     Options = ReplayOptions
 
     @property
+    def speed(self) -> float | None:
+        """Times real time; None = each frame as soon as it is asked for."""
+        return self._replay.speed
+
+    @property
+    def loops(self) -> bool:
+        """Whether it begins again at the end."""
+        return self._replay.loop
+
+    @property
     def recording(self) -> Recording:
         """The recording that is played; the camera must be open."""
         return self.reel.recording

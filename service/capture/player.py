@@ -80,6 +80,7 @@ class Player:
         speed: times real time; None = as fast as frames are taken.
         loop: begin again at the end.
         playing: go on by itself.
+        calibration: replaces the recorded ones.
         clock: real time.
 
     Attributes:
@@ -97,6 +98,7 @@ class Player:
         speed: float | None = 1.0,
         loop: bool = False,
         playing: bool = False,
+        calibration: Calibration | None = None,
         clock: Clock | None = None,
     ) -> None:
         self.reel = reel
@@ -106,6 +108,7 @@ class Player:
         self.sought = False
         self.stepped: Stepped | None = None
         self._left = 0
+        self._calibration = calibration
         self._clock = clock if clock is not None else SystemClock()
         self._anchor: tuple[int, int] | None = None
         self._frames: Iterator[tuple[int, Frame]] | None = None
@@ -196,7 +199,7 @@ class Player:
             raise EndOfRecordingError(f"{self.reel.recording.path} has been played to its end")
         number, frame = self._fetch()
         recording = self.reel.recording
-        calibration = recording.calibration_of(recording.entries[number])
+        calibration = self._calibration or recording.calibration_of(recording.entries[number])
         rounds = self.rounds
         self._left = max(0, self._left - 1)
         is_last = self._left == 0 and not self.playing

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
 from threading import Event as Flag
-from typing import Literal
 
 from pydantic import BaseModel
 
@@ -20,6 +19,7 @@ from service.capture.rig import Rig
 from service.config.sections import Configuration
 from service.daemon.advance import Advance
 from service.daemon.agenda import Agenda
+from service.daemon.first_mode import first_mode
 from service.daemon.fusing import Fusing
 from service.daemon.heartbeat import Heartbeat
 from service.daemon.ledger import Ledger
@@ -41,8 +41,6 @@ _LAST_JOBS = 2.0
 """Seconds that the jobs in work get when the service is told to stop: it shall end within five."""
 
 _log = logging.getLogger(__name__)
-
-ModeName = Literal["idle", "scan", "stream"]
 
 
 class Daemon:
@@ -187,7 +185,7 @@ class Daemon:
             stack.enter_context(self._open_rig())
             self.recording = recording_of(self.rig.camera)
             monitor = Monitor(self.rig, self.grabber.counts, self, self.fusing.executor, self.bus)
-            mode = self._made(self.configuration.start)
+            mode = first_mode(self)
             # Neither status nor log may come once the sinks are closed.
             with logged_events(self.emit), Heartbeat(monitor.beat):
                 self._announce()
@@ -224,7 +222,7 @@ class Daemon:
         following = self.agenda.take()
         if following is None and self.control.halted and not self.stop.is_set():
             following = Idle(self), Future()
-        if following is None or not isinstance(following[0], Scanning):
+        if following is None or following[0].state != "scanning" or following[0].rig is not mode.rig:
             self.agenda.give_up(InvalidStateError("the scan ended before its turn came"))
         if following is not None and isinstance(following[0], (Scanning, Streaming)):
             self.states.mend("stage")
@@ -236,11 +234,6 @@ class Daemon:
         self.grabber.counts.error = str(error)
         self.states.degrade("stage", str(error), "look at the stage, then start again")
         return Idle(self, str(error))
-
-    def _made(self, name: ModeName) -> Mode:
-        if name == "idle":
-            return Idle(self)
-        return Streaming(self) if name == "stream" else Scanning(self)
 
     def _refuse_all(self) -> None:
         """Nobody serves any more: say so to all who wait, and to all who come."""

@@ -7,19 +7,21 @@ from collections.abc import Callable
 from itertools import count
 from typing import TYPE_CHECKING, Literal
 
-from drivers.errors import DriverError
+from drivers.errors import DriverError, EndOfRecordingError
 from drivers.frame import Frame
 from service.capture.control import StoppedError
 from service.capture.loop import numbered
 from service.capture.player import Player, Shot, Stepped
 from service.capture.rig import Rig
+from service.daemon.agenda import Done
 from service.daemon.heartbeat import Heartbeat
+from service.daemon.replay_state import replay_state
 from service.errors import InvalidStateError, ServiceError
 from service.fusion.job import BurstJob, FrameJob, Job
 from service.messages.burst import Burst, check_frame
 from service.messages.events import BurstCaptured, Delivery, FrameCaptured, ReplayTold
 from service.messages.map import FusedMap
-from service.messages.replay import MOST_GAPS, ReplayGap, ReplayState
+from service.messages.replay import ReplayState
 from service.messages.report import BurstReport
 from service.messages.status import State
 
@@ -44,7 +46,7 @@ class SoughtError(ServiceError):
 
 
 class Playing:
-    """Plays a recording until told otherwise; at its end it stands still.
+    """Plays a recording until told otherwise; at its end it stands still, unless that `ends` it.
 
     Args:
         daemon: at work.
@@ -52,11 +54,14 @@ class Playing:
         player: of that recording.
         name: what it is called in the recording folder.
         kind: a map of each burst, or of the last frames with every frame.
+        ends: it is over at the end of the recording.
     """
 
-    def __init__(self, daemon: Daemon, rig: Rig, player: Player, name: str, kind: Kind) -> None:
+    def __init__(
+        self, daemon: Daemon, rig: Rig, player: Player, name: str, kind: Kind, *, ends: bool = False
+    ) -> None:
         self._daemon, self.rig, self.player = daemon, rig, player
-        self.name, self.kind = name, kind
+        self.name, self.kind, self._ends = name, kind, ends
         self.state: State = "scanning" if kind == "scan" else "streaming"
         self._error: str | None = None
         self._beats = 0
@@ -75,7 +80,7 @@ class Playing:
             player.seek(player.bursts.first(player.burst))
             player.sought = False  # nothing is given up for that
         player.cut(frames)
-        return Playing(self._daemon, self.rig, player, self.name, self.kind)
+        return Playing(self._daemon, self.rig, player, self.name, self.kind, ends=self._ends)
 
     def run(self) -> None:
         take = self._take_bursts if self.kind == "scan" else self._take_frames
@@ -89,6 +94,8 @@ class Playing:
                     self._daemon.fusing.backlog.clear()
                 except StoppedError:
                     break
+                except EndOfRecordingError:
+                    return
                 except DriverError as error:
                     self._fail(error)
         following = self._daemon.agenda.next
@@ -98,7 +105,7 @@ class Playing:
 
     def change(self, do: Callable[[Player], None]) -> None:
         """Change how it is played; for the thread that runs it."""
-        self._error = None
+        self._error, self._ends = None, False  # somebody looks after it
         was_stepping = self.player.stepping
         do(self.player)
         if was_stepping:
@@ -111,6 +118,19 @@ class Playing:
         self.player.stepped = stepped = Stepped()
         return stepped
 
+    def once(self) -> None:
+        """Have a burst come, also where it stands still; for the thread that runs it.
+
+        Raises:
+            InvalidStateError: at the end, or where it streams.
+        """
+        if self.kind == "stream":
+            raise InvalidStateError("a recording is streamed: end that first, with cmd/replay stop")
+        if self.player.ended:
+            raise InvalidStateError("the replay is at its end: seek first, or play it again")
+        if not (self.player.playing or self.player.stepping):
+            self.change(lambda player: player.step(player.frames_of_bursts(1)))
+
     def told(self) -> None:
         """Tell where it is."""
         self._daemon.states.enter(self.state, self.reason)
@@ -119,29 +139,8 @@ class Playing:
     @property
     def replay(self) -> ReplayState:
         """Where it is."""
-        player, entries = self.player, self.player.reel.recording.entries
-        gaps = player.reel.line.gaps
-        at = player.at
-        return ReplayState(
-            timestamp=self._daemon.rig.clock.now(),
-            file=self.name,
-            mode=self.kind,
-            playing=player.playing,
-            ended=player.ended,
-            speed=player.speed,
-            loop=player.loop,
-            round=player.rounds,
-            seconds=player.seconds,
-            duration=player.reel.line.duration / 1e9,
-            frame=at,
-            frames=len(entries),
-            burst=player.burst,
-            bursts=len(player.bursts),
-            recorded=entries[at].timestamp if at < len(entries) else None,
-            gaps=tuple(ReplayGap(frame=gap.frame, seconds=gap.seconds) for gap in gaps[:MOST_GAPS]),
-            gap_count=len(gaps),
-            error=self._error,
-        )
+        now = self._daemon.rig.clock.now()
+        return replay_state(self.player, self.name, self.kind, now, self._error)
 
     def _take_bursts(self) -> None:
         """Burst after burst."""
@@ -150,7 +149,9 @@ class Playing:
             burst, is_last = self._burst(daemon.configuration.fusion.backlog)
             daemon.grabber.counts.bursts += 1
             daemon.emit(BurstCaptured(burst, number))
-            self._hand_over(BurstJob(burst, daemon.configuration.fusion), is_last)
+            turn = daemon.agenda.turn()
+            job = BurstJob(burst, daemon.configuration.fusion, awaited=turn is not None)
+            self._hand_over(job, is_last, turn)
 
     def _burst(self, room: int) -> tuple[Burst, bool]:
         bursts = self.player.bursts
@@ -194,6 +195,8 @@ class Playing:
             control.check()
             if daemon.ending:
                 raise StoppedError("something else was asked for")
+            if self._ends and player.ended:
+                raise EndOfRecordingError(f"{self.name} has been played to its end")
             if player.sought:
                 player.sought = False
                 raise SoughtError(f"{self.name}: sent elsewhere")
@@ -211,7 +214,7 @@ class Playing:
         if self.player.ended or shot.is_last:
             self.told()
 
-    def _hand_over(self, job: Job, is_last: bool) -> None:
+    def _hand_over(self, job: Job, is_last: bool, turn: Done | None = None) -> None:
         daemon = self._daemon
         stepped = self.player.stepped if is_last else None
 
@@ -219,6 +222,8 @@ class Playing:
             daemon.control.inbox.wake()
             if stepped is not None:
                 self._answer(stepped, result)
+            if turn is not None:
+                turn(result)
 
         room = max(_AHEAD, daemon.configuration.fusion.backlog)
         daemon.fusing.backlog.put(job, room, daemon.stop.is_set, done)

@@ -14,6 +14,9 @@ from scripted import ScriptedCamera
 from test_commands import hasty_rig
 
 from drivers.errors import DeviceLostError, NotAvailableError
+from drivers.fixed import FixedStage
+from drivers.replay import ReplayCamera, ReplayOptions
+from service.capture.rig import Rig
 from service.fusion.local import LocalExecutor
 from service.messages.events import BurstCaptured, FrameCaptured, FusionFailed, MapFused, ReplayTold
 from service.messages.map import FusedMap
@@ -304,3 +307,40 @@ def test_it_plays_while_a_device_is_lost_which_is_opened_again_afterwards(
         camera.refusals = []
         service.wait_state("idle")
         assert far.ask("cmd/scan", action="once")["report"]["frames"] == 4
+
+
+def replaying_rig(path: Path, **options: object) -> Rig:
+    """What `--replay` makes."""
+    return Rig(ReplayCamera(ReplayOptions(path=path, **options)), FixedStage())  # type: ignore[arg-type]
+
+
+def test_a_service_that_began_with_a_recording_is_commanded_as_well(tmp_path: Path, endpoint: str) -> None:
+    settings = playable(tmp_path, endpoint, start="scan", recording={"enabled": True})
+    rig = replaying_rig(tmp_path / "kept" / "five.mcap", speed=0.5)
+    with running(settings, rig, "scanning") as service, stranger(endpoint) as far:
+        service.wait(lambda: bool(numbers(service)))
+        replay = far.ask("cmd/replay", action="pause")["replay"]
+        assert (replay["file"], replay["speed"]) == ("five.mcap", 0.5)
+        far.ask("cmd/replay", action="seek", burst=2)
+        assert far.ask("cmd/scan", action="once")["report"]["burst"] == 12
+        far.ask("cmd/replay", action="speed", speed=None)
+        far.ask("cmd/replay", action="play")
+        service.wait(lambda: bursts(service) == [12, 13, 14])
+        assert far.ask("cmd/replay", action="get")["replay"]["ended"] is True
+        assert far.ask("cmd/scan", action="once")["code"] == "INVALID_STATE"
+        assert far.ask("cmd/replay", action="stop")["state"] == "idle"
+        assert service.thread.is_alive()
+    assert not list((tmp_path / "kept").glob("2*"))  # a replay is not recorded unless asked
+
+
+@pytest.mark.parametrize(("start", "maps"), [("scan", BURSTS), ("stream", ALL)])
+def test_a_service_that_began_with_a_recording_ends_with_it(
+    tmp_path: Path, endpoint: str, start: str, maps: int
+) -> None:
+    settings = playable(tmp_path, endpoint, start=start, fusion={"backlog": 1})
+    service = Running(settings, replaying_rig(tmp_path / "kept" / "five.mcap"))
+    service.thread.start()
+    service.thread.join(60)
+    assert service.error is None
+    assert service.summary is not None
+    assert (service.summary.maps, service.summary.frames, service.summary.lost) == (maps, ALL, ())

@@ -7,6 +7,7 @@ from pydantic import Field
 
 from service.daemon.desk import Desk
 from service.daemon.modes import Scanning, planned
+from service.daemon.playing import Playing
 from service.daemon.verb import Answer, Command, Outcome, Place, Reply, Verb, then
 from service.errors import InvalidStateError
 from service.messages.encoding import fused_messages
@@ -78,8 +79,12 @@ class Once(Verb):
     )
 
     def carry_out(self, desk: Desk) -> Answer:
-        _refuse_stream(desk)
         daemon, answer = desk.daemon, Future[Outcome]()
+        if isinstance(desk.mode, Playing):
+            desk.mode.once()
+            daemon.agenda.queue(lambda result: self._fused(desk, answer, result))
+            return answer
+        _refuse_stream(desk)
         following = daemon.agenda.next or desk.mode
         mode = following if isinstance(following, Scanning) else Scanning(daemon, asked=True)
         if mode is not following:
