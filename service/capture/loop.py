@@ -1,7 +1,7 @@
 """Takes a burst: from a turning camera by a plan, or from frames that already say where they belong."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 
@@ -42,7 +42,7 @@ class CaptureCounts:
         lost: times that a device was lost.
         interrupted: bursts given up and taken again.
         bursts: finished bursts.
-        error: the last fault, in words; empty = none.
+        error: the last fault, in words; empty = none, or frames have come since.
     """
 
     frames: int = 0
@@ -116,6 +116,7 @@ class Grabber:
     def keep(self, frame: Frame) -> Frame:
         """Count a frame that belongs to a burst, and show it."""
         self.counts.frames += 1
+        self.counts.error = ""  # whatever it was, frames come again
         self._listener(frame)
         return frame
 
@@ -141,15 +142,26 @@ class ScanBursts:
         plan: poses of one burst.
         settle: seconds to stand still before an exposure may begin.
         move_timeout: seconds that a movement may take longer than at the stage's speed.
+        begun: frames of the first poses of the first burst, captured before.
     """
 
-    def __init__(self, grabber: Grabber, plan: Plan, settle: float, move_timeout: float) -> None:
+    def __init__(
+        self,
+        grabber: Grabber,
+        plan: Plan,
+        settle: float,
+        move_timeout: float,
+        begun: Sequence[Frame] = (),
+    ) -> None:
+        self._begun = begun
         self._grabber, self._rig = grabber, grabber.rig
         self._plan, self._settle, self._move_timeout = plan, settle, move_timeout
         self._stand: _Stand | None = None
 
     def take(self, number: int) -> Burst:
-        frames = [self.frame(number, pose) for pose in range(len(self._plan))]
+        begun, self._begun = self._begun, ()
+        frames = [self._grabber.keep(frame) for frame in begun]
+        frames += [self.frame(number, pose) for pose in range(len(frames), len(self._plan))]
         self._grabber.counts.bursts += 1
         return Burst(number, tuple(frames), self._rig.calibration, len(self._plan))
 

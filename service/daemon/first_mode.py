@@ -20,7 +20,8 @@ def first_mode(daemon: Daemon) -> Mode:
         return Idle(daemon)
     camera = None if daemon.once else replayed(rig.camera)
     if camera is None:
-        return Streaming(daemon) if configuration.start == "stream" else Scanning(daemon)
+        resumes = configuration.recording.enabled and not daemon.once
+        return Streaming(daemon) if configuration.start == "stream" else Scanning(daemon, resumes=resumes)
     player = Player(
         camera.reel,
         configuration.fusion.frames,

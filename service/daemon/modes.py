@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from drivers.errors import DeviceLostError, OperationError
 from service.capture.loop import CarriedBursts, ScanBursts
+from service.capture.resumption import BegunBurst, begun_burst
 from service.capture.rig import Rig
 from service.capture.series import Capture
 from service.capture.stream import CarriedFrames, SweptFrames
@@ -84,12 +85,13 @@ class Scanning:
     Args:
         daemon: at work.
         asked: only as many bursts as somebody waits for.
+        resumes: whether a burst that was interrupted before is taken up again.
     """
 
     state: State = "scanning"
 
-    def __init__(self, daemon: Daemon, *, asked: bool = False) -> None:
-        self._daemon, self.rig, self.asked = daemon, daemon.rig, asked
+    def __init__(self, daemon: Daemon, *, asked: bool = False, resumes: bool = False) -> None:
+        self._daemon, self.rig, self.asked, self._resumes = daemon, daemon.rig, asked, resumes
         self.reason = "bursts as recorded" if daemon.carries_pose else "bursts by the plan"
         if asked:
             self.reason = "a burst that was asked for"
@@ -102,7 +104,16 @@ class Scanning:
             )
         else:
             plan = planned(settings, daemon.rig, settings.fusion.frames)
-            self._source = ScanBursts(daemon.grabber, plan, settings.stage.settle, settings.stage.timeout)
+            begun = self._begun(len(plan)) if self._resumes else None
+            if begun is not None:
+                daemon.next_burst = begun.number
+            self._source = ScanBursts(
+                daemon.grabber,
+                plan,
+                settings.stage.settle,
+                settings.stage.timeout,
+                () if begun is None else begun.frames,
+            )
 
     def run(self) -> None:
         daemon, settings = self._daemon, self._daemon.configuration
@@ -127,6 +138,10 @@ class Scanning:
 
     def anew(self) -> Scanning:
         return Scanning(self._daemon, asked=self.asked)
+
+    def _begun(self, poses: int) -> BegunBurst | None:
+        daemon = self._daemon
+        return begun_burst(daemon.configuration, daemon.rig, poses)
 
     def _hand_over(self, burst: Burst, number: int) -> None:
         daemon, fusion = self._daemon, self._daemon.configuration.fusion

@@ -11,7 +11,7 @@ from service.daemon.playing import Playing
 from service.daemon.systemd import WATCHDOG, notify
 from service.fusion.executor import Executor
 from service.messages.events import ReplayTold, StatusTold
-from service.messages.status import Drops, Rates, Status, Totals
+from service.messages.status import Drops, InForce, LastError, Rates, Status, Totals
 from service.sinks.bus import Bus
 from service.sinks.recorder import RECORDER, Recorder
 from service.versions import software_version
@@ -38,6 +38,7 @@ class Monitor:
         self._executor, self._bus = executor, bus
         self._began = time.monotonic()
         self._seen = -1
+        self._error: LastError | None = None
 
     def beat(self) -> None:
         """Look after the sinks, tell the status, feed the watchdog."""
@@ -89,8 +90,28 @@ class Monitor:
             recorder=recorder.state if isinstance(recorder, Recorder) else None,
             sinks=sinks,
             commands=daemon.command_counts(),
-            error=self._capture.error or fusion.error,
+            in_force=self._in_force(),
+            error=self._last_error(self._capture.error or fusion.error),
         )
+
+    def _in_force(self) -> InForce:
+        settings = self._daemon.configuration
+        return InForce(
+            method=settings.fusion.method,
+            upsampling=settings.fusion.upsampling,
+            regularization=settings.fusion.regularization,
+            frames=settings.fusion.frames,
+            window=settings.stream.window,
+            span=settings.plan.span,
+            integration_time=self._rig.camera.settings.integration_time,
+        )
+
+    def _last_error(self, what: str | None) -> LastError | None:
+        if not what:
+            self._error = None
+        elif self._error is None or self._error.what != what:
+            self._error = LastError(what=what, timestamp=self._rig.clock.now())
+        return self._error
 
     def _judge_sinks(self) -> None:
         for sink in self._bus.states:

@@ -34,7 +34,7 @@ _BOUNDS = frozenset(
 class Reply(BaseModel):
     """What every command answers; readers ignore fields that they do not know."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="ignore", frozen=True)
 
     state: State = Field(description="What the service is doing now.")
     reason: str = Field(description="Why it is in that state.")

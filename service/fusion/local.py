@@ -135,6 +135,7 @@ class LocalExecutor:
         if isinstance(answer, Failure):
             raise FusionError(answer.reason)
         assert isinstance(answer, FusedMap)
+        self._error = None
         self._deadline.learn(job, time.monotonic() - began)
         latency = time.monotonic() - job.completed
         return replace(answer, report=answer.report.model_copy(update={"latency": latency}))

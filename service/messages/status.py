@@ -59,7 +59,7 @@ class FusionState(_Part):
     backlog: int = Field(0, ge=0, description="Bursts, or frames of a stream, that wait.")
     restarts: int = Field(0, ge=0, description="Times that the process had to be started again.")
     hung: int = Field(0, ge=0, description="Times among them that it did not answer in time.")
-    error: str | None = Field(None, description="Its last fault; none = none.")
+    error: str | None = Field(None, description="Its last fault; none = none, or maps have come since.")
 
 
 class RecorderState(_Part):
@@ -94,6 +94,25 @@ class CommandCounts(_Part):
     refused: dict[str, int] = Field({}, description="Commands refused, by code.")
 
 
+class LastError(_Part):
+    """What went wrong last; gone once it is over."""
+
+    what: str = Field("", description="In words.")
+    timestamp: int = Field(0, description="When it was seen, ns since the epoch.")
+
+
+class InForce(_Part):
+    """What the next burst is captured and fused with."""
+
+    method: str = Field("unknown", description="Of the fusion.")
+    upsampling: int = Field(0, ge=0, description="β.")
+    regularization: float | str = Field("unknown", description="λ, or `auto`.")
+    frames: int = Field(0, ge=0, description="Of a burst.")
+    window: int = Field(0, ge=0, description="Frames of a stream that are fused together.")
+    span: float = Field(0.0, ge=0, description="Width of the field of poses, low-resolution pixels.")
+    integration_time: float = Field(0.0, ge=0, description="Seconds per phase sample.")
+
+
 class Status(_Part):
     """How the service is doing; once a second."""
 
@@ -120,6 +139,7 @@ class Status(_Part):
     recorder: RecorderState | None = Field(None, description="What is recorded; none = no recorder.")
     sinks: tuple[SinkState, ...] = Field((), description="Who takes the events, and how that goes.")
     commands: CommandCounts = CommandCounts()
-    error: str | None = Field(
-        None, description="The last error of capture or fusion; none = all well so far."
+    in_force: InForce = InForce()
+    error: LastError | None = Field(
+        None, description="The last error of capture or fusion; none = there is none, or it is over."
     )

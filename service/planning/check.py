@@ -19,7 +19,7 @@ _MUCH_SATURATED, _MUCH_DARK = 0.01, 0.3
 
 
 class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="ignore", frozen=True)
 
 
 class Exposure(_Part):

@@ -74,7 +74,7 @@ def test_the_command_line_has_the_verbs(service: Running, endpoint: str) -> None
     code, out, err = run(endpoint, "scan", "once")
     assert (code, out.count("\n")) == (0, 1)
     assert out.startswith("burst 0: 4 of 4 frames; 12 × 8 pixels; nearest")
-    assert "pose 4 of 4" in err
+    assert "burst 0: pose 1 of 4" in err
     code, out, _ = run(endpoint, "scan", "once", "--json")
     assert json.loads(out)["report"]["burst"] == 1
     code, out, _ = run(endpoint, "scan", "check")

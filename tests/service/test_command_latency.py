@@ -11,7 +11,7 @@ from scripted import ScriptedCamera, ScriptedStage
 from drivers import DeviceLostError, DeviceTimeoutError, Frame, NotAvailableError
 from drivers.clock import SystemClock
 from service.capture.rig import Rig
-from service.messages.events import BurstCaptured
+from service.messages.events import BurstCaptured, StatusTold
 
 AT_ONCE = 0.3
 """Seconds: the target is 0.05, with room for a machine that is busy with other tests."""
@@ -97,3 +97,21 @@ def test_answers_come_at_once_while_it_scans_and_fuses(tmp_path: Path, endpoint:
     with running(settings, rig, "streaming"), stranger(endpoint) as far:
         taken = seconds_of(far, *[("cmd/fusion", {"action": "get"})] * 30)
         assert median(taken) < AT_ONCE
+
+
+def test_the_last_error_is_told_with_its_time_and_gone_when_it_is_over(
+    tmp_path: Path, endpoint: str, rig: Rig
+) -> None:
+    settings = configuration(tmp_path, endpoint, start="scan")
+    with running(settings, rig, "scanning") as service:
+        service.wait(lambda: len(service.of(BurstCaptured)) >= 1)
+        rig.camera.away = True
+        rig.camera.faults = {rig.camera.calls + 1: DeviceLostError("unplugged")}
+        service.wait_state("recovering")
+        service.wait(lambda: bool(service.of(StatusTold)[-1].status.error))
+        error = service.of(StatusTold)[-1].status.error
+        assert "unplugged" in error.what
+        assert abs(error.timestamp - time.time_ns()) < 10e9
+        rig.camera.away = False
+        service.wait_state("scanning")
+        service.wait(lambda: service.of(StatusTold)[-1].status.error is None)

@@ -1,6 +1,7 @@
 """A service commanded from another process, with nothing but Zenoh and JSON."""
 
 import json
+import re
 import time
 from pathlib import Path
 
@@ -237,8 +238,10 @@ def test_a_newcomer_adds_a_command_in_one_file(
 ) -> None:
     from service.daemon import commands as folder
 
+    page = Path(folder.__file__).with_name("README.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```python\n(.*?)```", page, flags=re.S)
     (tmp_path / "more").mkdir()
-    (tmp_path / "more" / "beam.py").write_text(NEWCOMER)
+    (tmp_path / "more" / "beam.py").write_text(example)
     monkeypatch.setattr(folder, "__path__", [*folder.__path__, str(tmp_path / "more")])
     folder.commands.cache_clear()
     try:
@@ -253,36 +256,6 @@ def test_a_newcomer_adds_a_command_in_one_file(
             assert far.ask("cmd/beam", action="aim", pan=7)["code"] == "OUT_OF_RANGE"
     finally:
         folder.commands.cache_clear()
-
-
-NEWCOMER = '''
-from typing import ClassVar, Literal
-
-from pydantic import Field
-
-from service.daemon.desk import Desk
-from service.daemon.verb import Answer, Command, Place, Reply, Verb
-
-
-class BeamReply(Reply):
-    pan: float = Field(description="Where it points, radians.")
-
-
-class Aim(Verb):
-    """Turn there."""
-
-    place: ClassVar[Place] = "burst"
-    action: Literal["aim"]
-    pan: float = Field(ge=-10, le=10, description="Radians.")
-
-    def carry_out(self, desk: Desk) -> Answer:
-        stage = desk.daemon.rig.stage
-        stage.move_to(self.pan, 0.0)
-        return desk.reply(BeamReply, pan=stage.position.pan)
-
-
-COMMAND = Command("cmd/beam", "Where the beam points.", (Aim,), BeamReply)
-'''
 
 
 def test_a_check_tells_what_a_burst_would_give_and_moves_nothing(tmp_path: Path, endpoint: str) -> None:
