@@ -90,8 +90,7 @@ class Playing:
                 try:
                     take()
                 except SoughtError:
-                    self._give_up_step("the replay was sent elsewhere meanwhile")
-                    self._daemon.fusing.backlog.clear()
+                    continue
                 except StoppedError:
                     break
                 except EndOfRecordingError:
@@ -108,8 +107,10 @@ class Playing:
         self._error, self._ends = None, False  # somebody looks after it
         was_stepping = self.player.stepping
         do(self.player)
-        if was_stepping:
+        if was_stepping or self.player.sought:
             self._give_up_step("something else was asked for meanwhile")
+        if self.player.sought:
+            self._daemon.fusing.backlog.clear()
         self.told()
 
     def step(self, frames: int) -> Stepped:

@@ -16,7 +16,9 @@ from test_commands import hasty_rig
 from drivers.errors import DeviceLostError, NotAvailableError
 from drivers.fixed import FixedStage
 from drivers.replay import ReplayCamera, ReplayOptions
+from service.capture.player import Stepped
 from service.capture.rig import Rig
+from service.daemon.playing import Playing
 from service.fusion.local import LocalExecutor
 from service.messages.events import BurstCaptured, FrameCaptured, FusionFailed, MapFused, ReplayTold
 from service.messages.map import FusedMap
@@ -101,6 +103,7 @@ def test_a_seek_begins_a_stream_anew(tmp_path: Path, endpoint: str) -> None:
     with running(playable(tmp_path, endpoint), hasty_rig()) as service, stranger(endpoint) as far:
         reply = far.ask("cmd/replay", action="load", file="five.mcap", mode="stream")
         assert reply["state"] == "streaming"
+        assert far.ask("cmd/scan", action="once")["code"] == "INVALID_STATE"
         frames = [far.ask("cmd/replay", action="step")["report"]["frames"] for _ in range(3)]
         far.ask("cmd/replay", action="seek", seconds=1.0)
         frames += [far.ask("cmd/replay", action="step")["report"]["frames"] for _ in range(2)]
@@ -180,7 +183,7 @@ def test_after_a_replay_the_devices_scan_and_stream_again(tmp_path: Path, endpoi
         far.ask("cmd/replay", action="load", file="five.mcap", play=True, speed=None)
         assert daemon.camera is not None
         assert (daemon.camera.source, daemon.camera.serial) == ("replay", "7")
-        for action in ("stop", "pause", "once", "cancel", "resume"):
+        for action in ("stop", "pause", "cancel", "resume"):
             refused = far.ask("cmd/scan", action=action)
             assert refused["code"] == "INVALID_STATE"
             assert "cmd/replay stop" in refused["message"]
@@ -344,3 +347,21 @@ def test_a_service_that_began_with_a_recording_ends_with_it(
     assert service.error is None
     assert service.summary is not None
     assert (service.summary.maps, service.summary.frames, service.summary.lost) == (maps, ALL, ())
+
+
+def test_a_step_right_behind_a_seek_is_not_given_up_with_what_was_before(
+    tmp_path: Path, endpoint: str
+) -> None:
+    with running(playable(tmp_path, endpoint), hasty_rig()) as service, stranger(endpoint) as far:
+        far.ask("cmd/replay", action="load", file="five.mcap")
+        assert service.daemon is not None
+        mode = service.daemon.mode
+        assert isinstance(mode, Playing)
+
+        def seek_and_step() -> Stepped:
+            mode.change(lambda player: player.seek(FRAMES))
+            return mode.step(FRAMES)
+
+        report = service.daemon.control.inbox.submit(seek_and_step, "pose").result(30).result(30)
+        assert report is not None
+        assert report.burst == 11
