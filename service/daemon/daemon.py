@@ -173,6 +173,10 @@ class Daemon:
         fresh.prepare()
         return fresh
 
+    def close(self) -> None:
+        """End the process that fuses, whatever it does."""
+        self.fusing.close()
+
     def run(self) -> None:
         """Work until a recording ends, one pass is done, or `stop` is set.
 
@@ -181,6 +185,7 @@ class Daemon:
             ServiceError: a plan out of reach, a fusion that cannot work, or not one map.
         """
         with ExitStack() as stack:
+            stack.callback(self.close)
             stack.callback(self._refuse_all)
             stack.enter_context(self._open_rig())
             self.recording = recording_of(self.rig.camera)

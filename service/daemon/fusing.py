@@ -21,7 +21,7 @@ class Fusing:
     """An executor and what waits for it.
 
     Args:
-        executor: does the work.
+        executor: fuses; whoever made it closes it, but nothing comes from it after `close`.
         emit: told of every map, and of every job without one.
         lossless: nothing is dropped; whoever is faster waits.
 
@@ -50,6 +50,10 @@ class Fusing:
         """Do what is left, or what can be done of it within `timeout` seconds."""
         if not self.backlog.drain(timeout):
             self.backlog.clear()
+
+    def close(self) -> None:
+        """End the process that fuses, whatever it does: nothing comes from it any more."""
+        self.executor.close()
 
     def next_stream(self) -> int:
         """The number of a stream that begins; its grid is that of the first view."""

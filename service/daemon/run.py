@@ -96,7 +96,7 @@ def _outputs(configuration: Configuration, output: Path | None, once: bool) -> d
         )
     }
     if section.preview:
-        made["pictures"] = lambda: Pictures(output, keep=None if once else section.pictures)
+        made["pictures"] = lambda: Pictures(output, keep=None if once else section.pictures, lossless=once)
     return made
 
 

@@ -11,10 +11,11 @@ from commanding import Running, configuration, running
 from scripted import ScriptedCamera, ScriptedStage
 from typer.testing import CliRunner
 
+import lidarboost
 from drivers.clock import VirtualClock
 from service.capture.rig import Rig
 from service.cli import app
-from service.errors import CommandError, InvalidArgumentError, InvalidStateError, OutOfRangeError, RemoteError
+from service.errors import InvalidArgumentError, InvalidStateError, OutOfRangeError, RemoteError
 from service.messages.events import Commanded
 from service.wire.client import Client
 
@@ -53,7 +54,7 @@ def test_the_client_has_the_verbs_and_raises_by_code(service: Running, endpoint:
             rig.plan.set(span=50)
         with pytest.raises(InvalidArgumentError, match="unknown field 'colour'"):
             rig.plan.set(colour="red")
-        with pytest.raises(CommandError, match="one of start, stop, cancel"):
+        with pytest.raises(lidarboost.CommandError, match="one of start, stop, cancel"):
             rig.command("cmd/scan", "leap")
         who = {event.who for event in service.of(Commanded)}
         assert len(who) == 1
