@@ -12,7 +12,6 @@ from drivers.clock import Clock
 from drivers.device import BackendOptions
 from drivers.errors import DriverError, NotAvailableError
 from drivers.frame import Frame
-from drivers.recording import Recording
 from drivers.settings import CameraSettings, Capabilities
 from drivers.stage import Stage
 
@@ -149,10 +148,10 @@ class AutoCamera(Camera):
         return self._found._longest_exposure(integration_time)
 
     @property
-    def recording(self) -> Recording | None:
-        """The recording that is played for want of a camera, or None."""
-        played = getattr(self._found, "recording", None)
-        return played if isinstance(played, Recording) else None
+    def found(self) -> Camera:
+        """The camera that it stands for; it must be open."""
+        self._require_open("ask for the camera behind")
+        return self._found
 
     @property
     def _found(self) -> Camera:

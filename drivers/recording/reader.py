@@ -160,7 +160,16 @@ class Recording:
 
     def frames(self) -> Iterator[Frame]:
         """Every whole frame."""
-        yield from self._fetch(self._entries)
+        yield from self.fetch(self._entries)
+
+    def fetch(self, entries: Iterable[FrameEntry]) -> Iterator[Frame]:
+        """The frames of some entries, with their images."""
+        with Payloads(self.path) as payloads:
+            for entry in entries:
+                distance, amplitude, _ = entry.places
+                yield entry.fields.frame(
+                    decode_image(payloads.read(distance)), decode_image(payloads.read(amplitude))
+                )
 
     def cut(self, frames_per_burst: int | None) -> list[list[FrameEntry]]:
         """The bursts, without images: `BurstCutter` says what one is; None = those without an id are not cut.
@@ -172,7 +181,7 @@ class Recording:
     def bursts(self, frames_per_burst: int) -> Iterator[list[Frame]]:
         """Frames by burst, as `cut` has them."""
         for entries in self.cut(frames_per_burst):
-            yield list(self._fetch(entries))
+            yield list(self.fetch(entries))
 
     def summary(self) -> RecordingSummary:
         """What there is, for people and programs."""
@@ -225,14 +234,6 @@ class Recording:
                 yield from read_messages(file, contents)
         except OSError as error:
             raise RecordingError(f"{self.path}: cannot be read again ({error}); open it again") from error
-
-    def _fetch(self, entries: Iterable[FrameEntry]) -> Iterator[Frame]:
-        with Payloads(self.path) as payloads:
-            for entry in entries:
-                distance, amplitude, _ = entry.places
-                yield entry.fields.frame(
-                    decode_image(payloads.read(distance)), decode_image(payloads.read(amplitude))
-                )
 
 
 def open_recording(path: Path | str) -> Recording:

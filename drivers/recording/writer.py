@@ -61,6 +61,11 @@ class RecordingWriter:
             raise
 
     @property
+    def working_path(self) -> Path:
+        """What the file is called until it is closed."""
+        return self._output.working_path
+
+    @property
     def size(self) -> int:
         """Bytes in the file so far; up to one chunk more is held in memory."""
         return self._output.tell()

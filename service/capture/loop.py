@@ -233,7 +233,7 @@ class CarriedBursts:
     def take(self, number: int) -> Burst:
         first = self._grab_first()
         calibration = self._rig.calibration
-        frames = [self._grabber.keep(_numbered(first, number, 0))]
+        frames = [self._grabber.keep(numbered(first, number, 0))]
         # A burst that is cut by number is complete without a look at the next frame.
         while first.burst is not None or len(frames) < self._length:
             self._grabber.control.between_poses()
@@ -244,7 +244,7 @@ class CarriedBursts:
             if self._begins(frame):
                 self._grabber.put_back(frame)
                 break
-            frames.append(self._grabber.keep(_numbered(frame, number, len(frames))))
+            frames.append(self._grabber.keep(numbered(frame, number, len(frames))))
         expected = self._expected.of(frames) if first.burst is not None else self._length
         self._grabber.counts.bursts += 1
         return Burst(frames[0].burst or 0, tuple(frames), calibration, expected)
@@ -258,7 +258,8 @@ class CarriedBursts:
         return self._cutter.begins(frame, frame.shape, self._rig.calibration)
 
 
-def _numbered(frame: Frame, burst: int, pose: int) -> Frame:
+def numbered(frame: Frame, burst: int, pose: int) -> Frame:
+    """A frame with the numbers of its burst and pose, where it has none of its own."""
     return replace(
         frame,
         burst=frame.burst if frame.burst is not None else burst,

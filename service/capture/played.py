@@ -5,16 +5,22 @@ from io import BytesIO
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.auto import AutoCamera
 from drivers.camera import Camera
 from drivers.recording import Recording
+from drivers.replay import ReplayCamera
+
+
+def replayed(camera: Camera) -> ReplayCamera | None:
+    """The camera behind an open one that plays a recording; None where none is played."""
+    found = camera.found if isinstance(camera, AutoCamera) else camera
+    return found if isinstance(found, ReplayCamera) else None
 
 
 def recording_of(camera: Camera) -> Recording | None:
     """The recording that an open camera plays, or None."""
-    if camera.capabilities.source != "replay":
-        return None
-    played = getattr(camera, "recording", None)
-    return played if isinstance(played, Recording) else None
+    played = replayed(camera)
+    return None if played is None else played.recording
 
 
 def truth_of(camera: Camera, upsampling: int) -> NDArray[np.float32] | None:

@@ -61,6 +61,11 @@ class Rig:
         self.is_recovering = False
 
     @property
+    def replacement(self) -> Calibration | None:
+        """What replaces the camera's own calibration, or None."""
+        return self._calibration
+
+    @property
     def calibration(self) -> Calibration:
         """The configured calibration, else the camera's."""
         return self._calibration or self.camera.calibration

@@ -39,6 +39,8 @@ COMMANDS: dict[str, Entry] = {
     "watch": Entry("service.cli.watch", "watch", "Print the messages of a topic as they come.", _LIVE),
     "scan": Entry("service.cli.scan", "app", "Have it scan: start, stop, cancel, once, pause …", _LIVE),
     "stream": Entry("service.cli.stream", "app", "Have it fuse every frame: start, stop.", _LIVE),
+    "record": Entry("service.cli.record", "app", "Record; list, keep, fetch, save recordings.", _LIVE),
+    "replay": Entry("service.cli.replay", "app", "Play a recording in place of its camera.", _LIVE),
     "stage": Entry("service.cli.stage", "app", "Ask, stop or home its stage.", _LIVE),
     "settings": Entry("service.cli.sections", "settings", "Show or change the camera's settings.", _LIVE),
     "plan": Entry("service.cli.sections", "plan", "Show or change the plan of poses.", _LIVE),

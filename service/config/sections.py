@@ -135,6 +135,7 @@ class RecordingSection(_Section):
     rotate_size: float = Field(1024.0, ge=1, le=1e6, description="MB after which a new file is begun.")
     rotate_duration: float = Field(3600.0, ge=1, le=1e6, description="Seconds until a new file is begun.")
     maps: bool = Field(True, description="Write fused maps too, not frames alone.")
+    replays: bool = Field(False, description="Record while a recording is played, too.")
     budget: float = Field(20_000.0, ge=1, le=1e9, description="MB of all files; the oldest goes when full.")
 
     @model_validator(mode="after")

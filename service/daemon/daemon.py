@@ -10,27 +10,30 @@ from pydantic import BaseModel
 
 from drivers.frame import Frame
 from drivers.poses import camera_rotation
-from drivers.recording import Recording, RecordingHead
+from drivers.recording import Recording
 from drivers.settings import Capabilities
 from service.capture.control import Control
-from service.capture.head import head_of
 from service.capture.loop import Grabber
-from service.capture.played import recording_of, truth_of
+from service.capture.played import recording_of
 from service.capture.rig import Rig
 from service.config.sections import Configuration
 from service.daemon.advance import Advance
 from service.daemon.agenda import Agenda
+from service.daemon.first_mode import first_mode
 from service.daemon.fusing import Fusing
 from service.daemon.heartbeat import Heartbeat
 from service.daemon.ledger import Ledger
 from service.daemon.logs import logged_events
 from service.daemon.modes import Idle, Mode, Scanning, Streaming
 from service.daemon.monitor import Monitor
+from service.daemon.origin import Origin
+from service.daemon.playing import Playing
 from service.daemon.states import States
 from service.daemon.systemd import READY, STOPPING, notify
 from service.errors import InvalidStateError, IoFailureError, MotionError
 from service.fusion.local import LocalExecutor
-from service.messages.events import DevicesOpened, Event, FrameCaptured, HeadChanged, ScanProgressed
+from service.messages.events import Event, FrameCaptured, ScanProgressed
+from service.messages.replay import ReplayState
 from service.messages.status import CommandCounts
 from service.sinks.bus import Bus
 
@@ -70,14 +73,25 @@ class Daemon:
         self.control.beat = rig.beat
         self.ledger = Ledger()
         self.states = States(self.emit)
-        self.camera: Capabilities | None = None
         self.recording: Recording | None = None
         self.next_burst = 0
         self.grabber = Grabber(rig, configuration.camera.timeout, self.control, self._captured)
         self.fusing = Fusing(executor, self.emit, lossless=once)
-        self._advance = Advance(lambda: self.planned, lambda: self.fusing.backlog.unfinished)
+        self.origin = Origin(lambda: self.configuration, self.fusing, self.emit)
+        self._advance = Advance(lambda: self.origin.planned, lambda: self.fusing.backlog.unfinished)
         self.mode: Mode | None = None
         self.command_counts: Callable[[], CommandCounts] = CommandCounts
+
+    @property
+    def camera(self) -> Capabilities | None:
+        """What gives the frames at present; None until it is open."""
+        return self.origin.camera
+
+    @property
+    def replay(self) -> ReplayState:
+        """Where a replay is."""
+        mode = self.mode
+        return mode.replay if isinstance(mode, Playing) else ReplayState(timestamp=self.rig.clock.now())
 
     @property
     def carries_pose(self) -> bool:
@@ -108,6 +122,12 @@ class Daemon:
         self.agenda.ask(Idle(self))
         self.control.inbox.wake()
 
+    def ask(self, mode: Mode) -> "Future[None]":
+        """As `rest`, for another mode that is ready; done when it has begun."""
+        begun = self.agenda.ask(mode)
+        self.control.inbox.wake()
+        return begun
+
     def begin(self, mode: Mode) -> "Future[None]":
         """Have a mode begin next; for the thread that owns the devices. Done when it has begun.
 
@@ -135,14 +155,23 @@ class Daemon:
         """Have the mode at work, or the next, begin anew with what is configured now; raises as `begin`."""
         following = self.agenda.next
         mode = following if following is not None else self.mode
-        fresh = Scanning(self) if mode is None or isinstance(mode, Idle) else mode.anew()
-        fresh.prepare()  # a plan is looked at also where nothing is scanned
+        if mode is None or mode.rig is not self.rig or isinstance(mode, Idle):
+            self._check_plan()
         if following is not None and not isinstance(following, Idle):
-            self.agenda.replace(fresh)
-        elif following is None and not isinstance(mode, Idle):
-            self.agenda.ask(fresh)
-        self._find_truth()
-        self.emit(HeadChanged(self._head()))
+            self.agenda.replace(self._anew(following))
+        elif following is None and mode is not None and not isinstance(mode, Idle):
+            self.agenda.ask(self._anew(mode))
+        self.origin.tell_head()
+
+    def _check_plan(self) -> None:
+        """A plan is looked at also where nothing is scanned; raises `PlanError`."""
+        if self.rig.is_open:
+            Scanning(self).prepare()
+
+    def _anew(self, mode: Mode) -> Mode:
+        fresh = mode.anew()
+        fresh.prepare()
+        return fresh
 
     def close(self) -> None:
         """End the process that fuses, whatever it does."""
@@ -159,11 +188,9 @@ class Daemon:
             stack.callback(self.close)
             stack.callback(self._refuse_all)
             stack.enter_context(self._open_rig())
-            self.camera = self.rig.camera.capabilities
             self.recording = recording_of(self.rig.camera)
-            self._find_truth()
             monitor = Monitor(self.rig, self.grabber.counts, self, self.fusing.executor, self.bus)
-            mode = self._first_mode()
+            mode = first_mode(self)
             # Neither status nor log may come once the sinks are closed.
             with logged_events(self.emit), Heartbeat(monitor.beat):
                 self._announce()
@@ -179,7 +206,8 @@ class Daemon:
         while not self.stop.is_set():
             self.mode = mode
             self.control.renew()
-            if self.rig.is_open:
+            self._show(mode.rig)
+            if mode.rig.is_open:
                 self.states.enter(mode.state, mode.reason)
             entered.set_result(None)
             following = self._after(mode)
@@ -199,9 +227,9 @@ class Daemon:
         following = self.agenda.take()
         if following is None and self.control.halted and not self.stop.is_set():
             following = Idle(self), Future()
-        if following is None or following[0].state != "scanning":
+        if following is None or following[0].state != "scanning" or following[0].rig is not mode.rig:
             self.agenda.give_up(InvalidStateError("the scan ended before its turn came"))
-        if following is not None and following[0].state != "idle":
+        if following is not None and isinstance(following[0], (Scanning, Streaming)):
             self.states.mend("stage")
         return following
 
@@ -212,34 +240,31 @@ class Daemon:
         self.states.degrade("stage", str(error), "look at the stage, then start again")
         return Idle(self, str(error))
 
-    def _first_mode(self) -> Mode:
-        first = self.configuration.start
-        if first == "idle":
-            return Idle(self)
-        resumes = self.configuration.recording.enabled and not self.once
-        return Streaming(self) if first == "stream" else Scanning(self, resumes=resumes)
-
     def _refuse_all(self) -> None:
         """Nobody serves any more: say so to all who wait, and to all who come."""
         self.control.inbox.close("the service ends")
         self.agenda.close("the service ends")
 
     def _announce(self) -> None:
-        known, recording = self.rig.camera.capabilities, self.recording
-        settings, calibration = self.configuration, self.rig.calibration
+        settings, recording = self.configuration, self.recording
         expected = settings.stream.window if settings.start == "stream" else settings.fusion.frames
         frames = recording.frame_count if recording is not None else expected if self.once else None
-        now = self.rig.clock.now()
-        self.emit(DevicesOpened(known.model, known.source, calibration, frames, now, self._head()))
-        camera_rotation(0.0, 0.0, calibration.mount)  # imports a good part of SciPy, once, before frames come
+        self.origin.show(self.rig, self.rig.clock.now(), frames)
+        # Imports a good part of SciPy, once, before frames come.
+        camera_rotation(0.0, 0.0, self.rig.calibration.mount)
 
-    def _head(self) -> RecordingHead:
-        return head_of(self.configuration, self.rig, self.fusing.truth, self.planned)
-
-    def _find_truth(self) -> None:
-        upsampling, truth = self.configuration.fusion.upsampling, self.fusing.truth
-        if truth is None or truth.shape[0] != upsampling * self.rig.calibration.height:
-            self.fusing.truth = truth_of(self.rig.camera, upsampling)
+    def _show(self, rig: Rig) -> None:
+        """Have frames come from this rig; what the one before has left is fused first."""
+        before = self.origin.rig
+        if rig is before:
+            return
+        while not self.fusing.backlog.drain(0.1) and not self.control.halted:
+            self.control.beat()
+            self.control.inbox.serve("pose")
+        self.origin.show(rig, self.rig.clock.now())
+        if before is not None and before is not self.rig:
+            before.close()
+            self.origin.forget(before)
 
     def _wait_ready(self) -> None:
         why = "the fusion loads its kernels; on its first run here it compiles them, for about two minutes"
@@ -260,6 +285,8 @@ class Daemon:
         try:
             yield
         finally:
+            if self.origin.rig is not None:
+                self.origin.rig.close()
             self.rig.close()
 
     def _captured(self, frame: Frame) -> None:

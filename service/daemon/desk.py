@@ -9,6 +9,7 @@ from pydantic import ValidationError
 from service.capture.inbox import Moment
 from service.config.sections import FusionSection, PlanSection, StreamSection
 from service.daemon.modes import Idle, Mode, Scanning, Streaming
+from service.daemon.playing import Playing
 from service.daemon.verb import Reply, refusal_of_fields
 from service.errors import InvalidStateError, UnavailableError
 
@@ -57,14 +58,42 @@ class Desk:
     def is_streaming(self) -> bool:
         return isinstance(self.mode, Streaming)
 
+    @property
+    def is_playing(self) -> bool:
+        return isinstance(self.mode, Playing)
+
+    @property
+    def playing(self) -> Playing:
+        """The replay at work; raises `InvalidStateError` where there is none."""
+        mode = self.mode
+        if not isinstance(mode, Playing):
+            raise InvalidStateError(f"{self.daemon.states.state}: no recording is loaded; load one first")
+        return mode
+
+    def refuse_replay(self) -> None:
+        """Raise where a recording is played."""
+        if self.is_playing:
+            raise InvalidStateError("a recording is played: end that first, with cmd/replay stop")
+
+    def require_devices(self) -> None:
+        """Raise where one is lost, which a replay does without."""
+        if not self.daemon.rig.is_open:
+            raise UnavailableError("a device is lost: wait until it is back; a replay must end for that")
+
+    def refuse_paused(self) -> None:
+        """Raise where a scan is paused."""
+        _ = self.mode
+        if self.daemon.control.paused:
+            raise InvalidStateError("paused in a burst: resume or cancel it first")
+
     def admit(self, moment: Moment) -> None:
         """Raise why nothing can be done between two bursts, or poses."""
         states = self.daemon.states
         _ = self.mode
         if moment == "burst" and states.state == "recovering":
             raise UnavailableError(f"recovering: {states.reason}; wait until the device is back")
-        if moment == "burst" and self.daemon.control.paused:
-            raise InvalidStateError("paused in a burst: resume or cancel it first")
+        if moment == "burst":
+            self.refuse_paused()
 
     def changed(self, section: S, fields: dict[str, Any]) -> S:
         """A section with some fields changed; raises where they do not go together."""

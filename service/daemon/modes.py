@@ -34,7 +34,14 @@ class Mode(Protocol):
     """One way to work."""
 
     state: State
-    reason: str
+
+    @property
+    def reason(self) -> str:
+        """Why it is in that state."""
+
+    @property
+    def rig(self) -> Rig:
+        """What gives the frames."""
 
     def prepare(self) -> None:
         """Make ready, before anything moves; raises where it cannot be done."""
@@ -52,7 +59,7 @@ class Idle:
     state: State = "idle"
 
     def __init__(self, daemon: Daemon, reason: str = "waiting to be asked") -> None:
-        self._daemon, self.reason = daemon, reason
+        self._daemon, self.rig, self.reason = daemon, daemon.rig, reason
 
     def prepare(self) -> None: ...
 
@@ -84,7 +91,7 @@ class Scanning:
     state: State = "scanning"
 
     def __init__(self, daemon: Daemon, *, asked: bool = False, resumes: bool = False) -> None:
-        self._daemon, self.asked, self._resumes = daemon, asked, resumes
+        self._daemon, self.rig, self.asked, self._resumes = daemon, daemon.rig, asked, resumes
         self.reason = "bursts as recorded" if daemon.carries_pose else "bursts by the plan"
         if asked:
             self.reason = "a burst that was asked for"
@@ -150,7 +157,7 @@ class Streaming:
     state: State = "streaming"
 
     def __init__(self, daemon: Daemon) -> None:
-        self._daemon = daemon
+        self._daemon, self.rig = daemon, daemon.rig
         self.reason = f"a map for every frame, of the last {daemon.configuration.stream.window}"
 
     def prepare(self) -> None:

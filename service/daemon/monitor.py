@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 from service.capture.loop import CaptureCounts
 from service.capture.rig import Rig
+from service.daemon.playing import Playing
 from service.daemon.systemd import WATCHDOG, notify
 from service.fusion.executor import Executor
-from service.messages.events import StatusTold
+from service.messages.events import ReplayTold, StatusTold
 from service.messages.status import Drops, InForce, LastError, Rates, Status, Totals
 from service.sinks.bus import Bus
-from service.sinks.recorder import Recorder
+from service.sinks.recorder import RECORDER, Recorder
 from service.versions import software_version
 
 if TYPE_CHECKING:
@@ -35,7 +36,6 @@ class Monitor:
     ) -> None:
         self._rig, self._capture, self._daemon = rig, capture, daemon
         self._executor, self._bus = executor, bus
-        self._camera = rig.camera.capabilities  # kept: a lost camera cannot be asked
         self._began = time.monotonic()
         self._seen = -1
         self._error: LastError | None = None
@@ -46,6 +46,8 @@ class Monitor:
         self._judge_sinks()
         status = self.status()
         self._daemon.emit(StatusTold(status))
+        if not isinstance(self._daemon.mode, Playing):
+            self._daemon.emit(ReplayTold(self._daemon.replay))
         self._tell_systemd(status)
 
     def status(self) -> Status:
@@ -53,7 +55,7 @@ class Monitor:
         daemon, states, ledger = self._daemon, self._daemon.states, self._daemon.ledger
         fusion, sinks = self._executor.state, self._bus.states
         lost = {sink.name: sink.dropped for sink in sinks}
-        recorder = self._bus.sink("recorder")
+        recorder, camera = self._bus.sink(RECORDER), daemon.camera
         return Status(
             timestamp=self._rig.clock.now(),
             version=software_version(),
@@ -62,9 +64,9 @@ class Monitor:
             paused=daemon.control.paused,
             seconds=states.seconds,
             degraded=states.degraded,
-            source=self._camera.source,
-            model=self._camera.model,
-            serial=self._camera.serial,
+            source=None if camera is None else camera.source,
+            model=None if camera is None else camera.model,
+            serial=None if camera is None else camera.serial,
             uptime=time.monotonic() - self._began,
             totals=Totals(
                 frames=self._capture.frames,

@@ -17,8 +17,8 @@ from service.sinks.bus import Bus
 from service.sinks.configured import configured_sinks
 from service.sinks.pictures import Pictures
 from service.sinks.publisher import Publisher
-from service.sinks.recorder import Recorder
-from service.sinks.recording_directory import FileSeries, RecordingDirectory
+from service.sinks.recorder import RECORDER, Recorder, recorder_of
+from service.sinks.recording_directory import FileSeries
 from service.sinks.sink import Sink
 from service.sinks.summaries import Summaries
 from service.wire.session import open_session
@@ -72,7 +72,7 @@ def run_service(
         bus.add("summaries", lambda: Summaries(summaries))
         bus.add("publisher", lambda: Publisher(session, configuration.zenoh.prefix, lossless=once))
         if configuration.recording.enabled:
-            bus.add("recorder", lambda: recorder_of(configuration), must_open=False)
+            bus.add(RECORDER, lambda: recorder_of(configuration.recording), must_open=False)
         for name, make in (*_outputs(configuration, output, once).items(), *makers.items()):
             bus.add(name, make)
         stack.enter_context(commanded(daemon, session))
@@ -84,12 +84,6 @@ def run_service(
         return _summary(daemon, bus, summaries, published, time.monotonic() - began)
 
 
-def recorder_of(configuration: Configuration) -> Recorder:
-    """The recorder of a service: files in the recording directory."""
-    section = configuration.recording
-    return Recorder(RecordingDirectory(section, time.time_ns), maps=section.maps)
-
-
 def _outputs(configuration: Configuration, output: Path | None, once: bool) -> dict[str, Callable[[], Sink]]:
     """The sinks that write to `--output`."""
     if output is None:
@@ -97,7 +91,9 @@ def _outputs(configuration: Configuration, output: Path | None, once: bool) -> d
     section = configuration.output
     budget = None if once else section.budget
     made: dict[str, Callable[[], Sink]] = {
-        "fused file": lambda: Recorder(FileSeries(output / FUSED_FILE, section.rotate_size, budget))
+        "fused file": lambda: Recorder(
+            FileSeries(output / FUSED_FILE, section.rotate_size, budget), replays=True
+        )
     }
     if section.preview:
         keep = None if once else section.pictures

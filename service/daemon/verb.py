@@ -15,6 +15,7 @@ from pydantic_core import ErrorDetails, from_json
 from drivers.messages import Message, Schema
 from service.errors import CommandError, InvalidArgumentError, OutOfRangeError
 from service.messages.status import State
+from service.wire.encoding import Octets
 
 if TYPE_CHECKING:
     from service.daemon.desk import Desk
@@ -47,10 +48,10 @@ class Reply(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """A reply, and messages of topics that go after it."""
+    """A reply, and what goes after it: messages of topics, or bytes of a file."""
 
     reply: Reply
-    messages: Sequence[Message] = ()
+    messages: Sequence[Message | Octets] = ()
 
 
 Answer = Reply | Outcome | Future[Outcome]

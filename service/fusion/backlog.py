@@ -5,7 +5,7 @@ from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from threading import Condition
 
-from service.errors import WorkerError
+from service.errors import UnavailableError
 from service.fusion.executor import Executor
 from service.fusion.job import BurstJob, FrameJob, Job
 from service.messages.map import FusedMap
@@ -57,9 +57,9 @@ class Backlog:
             done: told the map, after `on_fused`, or why there is none.
         """
         with self._changed:
-            while self._lossless and self._waiting() >= room and not stopping():
+            while self._lossless and self.waiting >= room and not stopping():
                 self._changed.wait(0.2)
-        while self._waiting() >= room and self._drop_oldest():
+        while self.waiting >= room and self._drop_oldest():
             pass
         future = self._executor.submit(job)
         with self._changed:
@@ -71,6 +71,11 @@ class Backlog:
         """Jobs that wait or are at work."""
         return len(self._unfinished)
 
+    @property
+    def waiting(self) -> int:
+        """Jobs that have not begun."""
+        return sum(not future.running() and not future.done() for future in list(self._unfinished))
+
     def drain(self, timeout: float | None = None) -> bool:
         """Wait until every job is done; False where time ran out."""
         with self._changed:
@@ -79,9 +84,6 @@ class Backlog:
     def clear(self) -> int:
         """Cancel what has not begun; returns how many that were."""
         return sum(future.cancel() for future in list(self._unfinished))
-
-    def _waiting(self) -> int:
-        return sum(not future.running() and not future.done() for future in list(self._unfinished))
 
     def _drop_oldest(self) -> bool:
         for future, (job, _) in list(self._unfinished.items()):
@@ -108,7 +110,7 @@ class Backlog:
         try:
             result = future.result()
         except CancelledError:
-            done(WorkerError("the service ended before its map was fused"))
+            done(UnavailableError("it was given up before its map was fused"))
         except Exception as error:
             self.failed += 1
             self._on_failed(job, error)

@@ -23,7 +23,7 @@ def record_frames(path: Path, frames: Iterable[Frame], rig: Rig, configuration: 
         ServiceError: no frame came.
         StorageError, and as `Camera.grab`.
     """
-    head = head_of(configuration, rig, None, None)
+    head = head_of(configuration, rig.camera.capabilities, rig.calibration)
     kept: list[Frame] = []
     with RecordingWriter(path, head.metadata) as writer:
         head.attach_to(writer, rig.clock.now())

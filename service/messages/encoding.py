@@ -28,6 +28,7 @@ from service.messages.events import (
     FrameCaptured,
     Logged,
     MapFused,
+    ReplayTold,
     ScanProgressed,
     StatusTold,
 )
@@ -40,6 +41,7 @@ from service.messages.topics import (
     FUSED_POINTS,
     FUSED_REPORT,
     LOG,
+    REPLAY_STATE,
     SCAN_PROGRESS,
     STATUS,
 )
@@ -93,6 +95,11 @@ def _(event: MapFused) -> list[Message]:
 @_messages.register
 def _(event: ScanProgressed) -> list[Message]:
     return [json_message(SCAN_PROGRESS, event.progress, event.progress.timestamp)]
+
+
+@_messages.register
+def _(event: ReplayTold) -> list[Message]:
+    return [json_message(REPLAY_STATE, event.replay, event.replay.timestamp)]
 
 
 @_messages.register

@@ -15,6 +15,7 @@ from drivers.recording import RecordingHead
 from service.messages.burst import Burst
 from service.messages.map import FusedMap
 from service.messages.progress import ScanProgress
+from service.messages.replay import ReplayState
 from service.messages.status import State, Status
 
 T = TypeVar("T")
@@ -58,14 +59,13 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class DevicesOpened(Event):
-    """Camera and stage are open.
+    """Camera and stage are open, or a recording that stands for them is.
 
     Attributes:
         model, source: what camera, and whether it is a device, a replay or a simulation.
         calibration: in force.
         frames: how many are to come; None = no end is in sight.
         timestamp: ns since the epoch.
-        head: what a recording begins with.
     """
 
     model: str
@@ -73,7 +73,6 @@ class DevicesOpened(Event):
     calibration: Calibration
     frames: int | None
     timestamp: int
-    head: RecordingHead
     lasting: ClassVar[bool] = True
 
 
@@ -143,6 +142,14 @@ class StatusTold(Event):
 
 
 @dataclass(frozen=True, eq=False)
+class ReplayTold(Event):
+    """Where a replay is."""
+
+    replay: ReplayState
+    patient: ClassVar[bool] = False
+
+
+@dataclass(frozen=True, eq=False)
 class Logged(Event):
     """A record of the service's log."""
 
@@ -162,7 +169,7 @@ class Commanded(Event):
 
 @dataclass(frozen=True, eq=False)
 class HeadChanged(Event):
-    """What a recording begins with is another now."""
+    """What a recording begins with is another now; comes before `DevicesOpened`."""
 
     head: RecordingHead
     lasting: ClassVar[bool] = True

@@ -5,11 +5,12 @@ from functools import cache
 from drivers.messages import FrameFields, Schema, json_schema, protobuf_schema
 from service.messages.decoding import message_class
 from service.messages.progress import ScanProgress
+from service.messages.replay import ReplayState
 from service.messages.report import BurstReport
 from service.messages.status import Status
 from service.messages.topics import TOPICS, Congestion
 
-_MODELS = (FrameFields, BurstReport, ScanProgress, Status)
+_MODELS = (FrameFields, BurstReport, ReplayState, ScanProgress, Status)
 
 
 @cache

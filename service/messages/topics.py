@@ -21,6 +21,7 @@ FUSED_CALIBRATION = "fused/calibration"
 FUSED_POINTS = "fused/points"
 FUSED_REPORT = "fused/report"
 SCAN_PROGRESS = "scan/progress"
+REPLAY_STATE = "replay/state"
 STATUS = "status"
 LOG = "log"
 ALIVE = "alive"
@@ -183,6 +184,16 @@ _ROWS = (
         _DROP,
         True,
         "JSON: how far the burst at work is, and what is being fused",
+        unit="SI",
+    ),
+    Topic(
+        REPLAY_STATE,
+        "lidarboost.ReplayState",
+        "5 Hz while a replay plays, else 1 Hz, and at once after a change",
+        False,
+        _BLOCK,
+        True,
+        "JSON: what is played, where it is, how fast, and gaps of its clock",
         unit="SI",
     ),
     Topic(

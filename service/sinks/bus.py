@@ -1,6 +1,7 @@
 """Hands every event to every sink."""
 
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from threading import Lock
@@ -12,6 +13,9 @@ from service.messages.events import Event
 from service.messages.status import SinkState
 from service.sinks.runner import Patience, SinkRunner
 from service.sinks.sink import Sink
+
+_REMEMBERED = 1000
+"""Sinks that were removed of which files and losses are remembered: a recorder comes and goes for weeks."""
 
 
 class Bus:
@@ -25,7 +29,7 @@ class Bus:
     def __init__(self, *, lossless: bool = False, patience: Patience = Patience()) -> None:  # noqa: B008 — frozen
         self._lossless, self._patience = lossless, patience
         self._runners: dict[str, SinkRunner] = {}
-        self._former: list[SinkRunner] = []
+        self._former: deque[tuple[list[str], list[str]]] = deque(maxlen=_REMEMBERED)
         self._lasting: dict[type[Event], Event] = {}
         self._changing = Lock()
 
@@ -58,8 +62,8 @@ class Bus:
                 raise SinkError(f"there is no sink {name!r}; there are: {', '.join(self._runners) or 'none'}")
             runner = self._runners[name]
             self._runners = {key: one for key, one in self._runners.items() if key != name}
-            self._former.append(runner)
         runner.close(timeout)
+        self._former.append((runner.files, runner.losses))
         return runner.state
 
     def emit(self, event: Event) -> None:
@@ -91,12 +95,12 @@ class Bus:
     @property
     def files(self) -> list[str]:
         """What was written, complete."""
-        return [file for runner in self._all() for file in runner.files]
+        return [file for files, _ in self._all() for file in files]
 
     @property
     def losses(self) -> list[str]:
         """What was lost on the way, in words; complete once it is closed."""
-        return [loss for runner in self._all() for loss in runner.losses]
+        return [loss for _, losses in self._all() for loss in losses]
 
     def close(self, timeout: float = 10.0, *, discard: bool = False) -> None:
         """Have all finish, or leave nothing behind; gives up those that take longer than `timeout` s."""
@@ -117,5 +121,6 @@ class Bus:
         with suppress(Exception):
             self.close(discard=kind is not None)
 
-    def _all(self) -> list[SinkRunner]:
-        return [*self._former, *self._runners.values()]
+    def _all(self) -> list[tuple[list[str], list[str]]]:
+        """Files and losses of each, those that are gone first."""
+        return [*self._former, *((runner.files, runner.losses) for runner in self._runners.values())]

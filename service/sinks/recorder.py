@@ -7,12 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
-from drivers.recording import RecordingHead
+from drivers.recording import RecordingHead, attachments
+from service.config.sections import RecordingSection
 from service.messages.encoding import event_messages
 from service.messages.events import (
     BurstCaptured,
     Commanded,
-    DevicesOpened,
     Event,
     FrameCaptured,
     HeadChanged,
@@ -20,8 +20,12 @@ from service.messages.events import (
 )
 from service.messages.status import RecorderState
 from service.messages.topics import TOPICS
+from service.sinks.recording_directory import RecordingDirectory
 from service.sinks.recording_file import RecordingFile, Unit
 from service.sinks.sink import Room, Sink
+
+RECORDER = "recorder"
+"""How the one that writes into the recording folder is called."""
 
 _OVERDUE = 1.1
 """A file is ended between two bursts, and in the middle of one only when it is a tenth over its limit."""
@@ -44,6 +48,7 @@ class Recorder(Sink):
     Args:
         destination: a `RecordingDirectory` or a `FileSeries`.
         maps: whether fused maps are written, beside frames and all else.
+        replays: whether anything is written while a recording is played.
         now: nanoseconds since the epoch, when a message was received.
     """
 
@@ -52,10 +57,16 @@ class Recorder(Sink):
     droppable = (MapFused, FrameCaptured)
 
     def __init__(
-        self, destination: Destination, *, maps: bool = True, now: Callable[[], int] = time.time_ns
+        self,
+        destination: Destination,
+        *,
+        maps: bool = True,
+        replays: bool = False,
+        now: Callable[[], int] = time.time_ns,
     ) -> None:
         super().__init__()
-        self._destination, self._maps, self._now = destination, maps, now
+        self._destination, self._now = destination, now
+        self.maps, self.replays = maps, replays
         self._head: RecordingHead | None = None
         self._file: RecordingFile | None = None
         self._files: list[Path] = []
@@ -65,11 +76,13 @@ class Recorder(Sink):
         self._destination.prepare()
 
     def take(self, event: Event) -> None:
-        if isinstance(event, (DevicesOpened, HeadChanged)):
-            self._head = event.head
+        if isinstance(event, HeadChanged):
+            self._change(event.head)
         if isinstance(event, Commanded) and self._file is not None:
             self._file.note("command", _told(event))
-        if self._head is None or (isinstance(event, MapFused) and not self._maps):
+        if self._head is None or (isinstance(event, MapFused) and not self.maps):
+            return
+        if self._head.metadata.get("source") == "replay" and not self.replays:
             return
         messages = tuple(m for m in event_messages(event) if TOPICS[m.topic].recorded)
         if not messages or self.abandoned.is_set():
@@ -101,6 +114,11 @@ class Recorder(Sink):
         return tuple(str(path) for path in self._files if path.exists())
 
     @property
+    def written(self) -> Path | None:
+        """The file at work, as it is called until it is complete."""
+        return None if self._file is None else self._file.working_path
+
+    @property
     def state(self) -> RecorderState:
         """What it is doing."""
         file = self._file
@@ -113,11 +131,29 @@ class Recorder(Sink):
             free=None if path is None else _free(path.parent),
         )
 
+    def _change(self, head: RecordingHead) -> None:
+        """Have the next file begin with this; the one at work ends where frames come from elsewhere now."""
+        if self._head is not None and _origin(self._head) != _origin(head):
+            self.close()
+        self._head = head
+
     def _is_over(self, file: RecordingFile, *, begins_burst: bool) -> bool:
         size, age = file.size, file.age
         if begins_burst and self._destination.is_full(size, age):
             return True
         return self._destination.is_full(size / _OVERDUE, age / _OVERDUE)
+
+
+def recorder_of(section: RecordingSection) -> Recorder:
+    """The recorder of a service: files in the recording folder."""
+    directory = RecordingDirectory(section, time.time_ns)
+    return Recorder(directory, maps=section.maps, replays=section.replays)
+
+
+def _origin(head: RecordingHead) -> tuple[object, ...]:
+    """Whose frames they are, and by which calibration."""
+    told = tuple(head.metadata.get(name) for name in ("source", "camera_model", "camera_serial"))
+    return *told, *(content for name, content, _ in head.attachments if name == attachments.CALIBRATION)
 
 
 def _told(event: Commanded) -> dict[str, str]:

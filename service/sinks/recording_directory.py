@@ -3,15 +3,34 @@
 import itertools
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
 
 from service.config.sections import RecordingSection
 from service.errors import OutputError
 
 MEGABYTE = 1_000_000
-_NAME = re.compile(r"\d{8}T\d{6}Z(-\d+)?(\.torn\d*)?\.mcap(\.active)?")
+_NAME = re.compile(r"\d{8}T\d{6}Z(-\d+)?(\.torn\d*)?(\.recovered)?\.mcap(\.active)?")
+_KIND = re.compile(r"\.mcap(\.active)?$")
 _KEEP = ".keep"
+
+
+class RecordedFile(BaseModel):
+    """A file of the recording folder."""
+
+    model_config = ConfigDict(frozen=True)
+
+    file: str = Field(description="Its name.")
+    size: int = Field(description="Bytes.")
+    modified: int = Field(description="When it was written to, ns since the epoch.")
+    kept: bool = Field(description="Whether it is never deleted to make room.")
+    state: Literal["whole", "written", "torn"] = Field(
+        description="`written`: at work; `torn`: left unfinished, `recover` saves what it holds."
+    )
 
 
 class RecordingDirectory:
@@ -59,9 +78,26 @@ class RecordingDirectory:
         """Whether a file of `size` bytes, `age` seconds old, has reached its limit."""
         return size >= self._section.rotate_size * MEGABYTE or age >= self._section.rotate_duration
 
-    def keep(self, path: Path) -> None:
-        """Mark a recording, finished or not, never to be deleted."""
-        _mark(path).touch()
+    def keep(self, path: Path, keep: bool = True) -> None:
+        """Mark a recording, finished or not, never to be deleted; or take the mark away."""
+        if keep:
+            _mark(path).touch()
+        else:
+            _mark(path).unlink(missing_ok=True)
+
+    def files(self, written: Path | None = None) -> list[RecordedFile]:
+        """All that can be played or saved, whoever made it, newest first.
+
+        Args:
+            written: the file at work, as it is called until then.
+        """
+        found: list[RecordedFile] = []
+        with suppress(FileNotFoundError):  # no folder yet
+            for path in self.directory.iterdir():
+                with suppress(FileNotFoundError):  # deleted meanwhile, to make room
+                    if _KIND.search(path.name) and path.is_file():
+                        found.append(_described(path, path == written))
+        return sorted(found, key=lambda file: (file.modified, file.file), reverse=True)
 
     def recordings(self) -> list[Path]:
         """All recordings, oldest first, those being written included."""
@@ -134,5 +170,16 @@ class FileSeries:
         self._written = kept
 
 
+def _described(path: Path, is_written: bool) -> RecordedFile:
+    told = path.stat()
+    return RecordedFile(
+        file=path.name,
+        size=told.st_size,
+        modified=told.st_mtime_ns,
+        kept=_mark(path).exists(),
+        state="whole" if path.suffix == ".mcap" else "written" if is_written else "torn",
+    )
+
+
 def _mark(path: Path) -> Path:
-    return path.with_name(path.name + _KEEP)
+    return path.with_name(path.name.removesuffix(".active") + _KEEP)

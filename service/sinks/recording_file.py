@@ -44,6 +44,11 @@ class RecordingFile:
         self._began = self._flushed = self._synced = time.monotonic()
 
     @property
+    def working_path(self) -> Path:
+        """What it is called until it is complete."""
+        return self._writer.working_path
+
+    @property
     def size(self) -> int:
         """Bytes on the disk."""
         return self._writer.size

@@ -18,7 +18,7 @@ _RETRY = 0.05
 
 
 class Answer(dict[str, Any]):
-    """A reply by its fields; `messages` are what came after it, by topic."""
+    """A reply by its fields; `messages` are what came after it, by topic (bytes of a file by its name)."""
 
     def __init__(self, fields: dict[str, Any], messages: dict[str, Received]) -> None:
         super().__init__(fields)
@@ -87,6 +87,8 @@ def _refusal(name: str, payload: bytes) -> Exception:
 
 def _message(sample: zenoh.Sample) -> Received:
     topic = sample.attachment.to_string() if sample.attachment is not None else ""
+    if str(sample.encoding) == str(zenoh.Encoding.APPLICATION_OCTET_STREAM):
+        return Received(topic, sample.payload.to_bytes(), None)
     return decode(topic, str(sample.encoding), sample.payload.to_bytes())
 
 

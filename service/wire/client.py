@@ -17,6 +17,7 @@ from service.messages.decoding import Received, decode
 from service.messages.topics import FUSED_CALIBRATION, TOPICS, Congestion, Topic
 from service.wire.addresses import DEFAULT_ENDPOINT, DEFAULT_PREFIX
 from service.wire.asking import Answer, Asking
+from service.wire.recordings import Record, Replay
 from service.wire.session import open_session
 from service.wire.subscription import CALIBRATION_WAIT, LatestCalibration, Subscription
 from service.wire.verbs import Scan, Section, Stage, Stream
@@ -46,7 +47,8 @@ class Client:
         prefix: of the service's keys.
 
     Attributes:
-        scan, stream, stage, settings, plan, fusion: its commands; they raise a `CommandError`.
+        scan, stream, stage, record, replay, settings, plan, fusion: its commands; they raise a
+            `CommandError`.
 
     Raises:
         SessionError: the endpoint is not one.
@@ -60,6 +62,7 @@ class Client:
         self._watching = Lock()
         self._asking = Asking(self._session, prefix, endpoint)
         self.scan, self.stream, self.stage = Scan(self.command), Stream(self.command), Stage(self.command)
+        self.record, self.replay = Record(self.command), Replay(self.command)
         self.settings = Section(self.command, "cmd/settings")
         self.plan, self.fusion = Section(self.command, "cmd/plan"), Section(self.command, "cmd/fusion")
 

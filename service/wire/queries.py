@@ -12,7 +12,7 @@ import zenoh
 
 from drivers.messages import Message
 from service.errors import CommandError, InvalidArgumentError, UnavailableError
-from service.wire.encoding import encoding
+from service.wire.encoding import Octets, encoding
 from service.wire.pending import Pending
 
 MOST_BYTES = 1_000_000
@@ -48,7 +48,7 @@ class Request:
         self._lock = Lock()
         self._open = True
 
-    def answer(self, reply: bytes, messages: Sequence[Message] = ()) -> None:
+    def answer(self, reply: bytes, messages: Sequence[Message | Octets] = ()) -> None:
         """Send the reply, JSON, then messages as they are published, each named in its attachment."""
         with self._lock:
             if self._open:
@@ -62,7 +62,7 @@ class Request:
                 _refuse(self._query, error)
                 self._end()
 
-    def _send(self, reply: bytes, messages: Sequence[Message]) -> None:
+    def _send(self, reply: bytes, messages: Sequence[Message | Octets]) -> None:
         try:
             self._query.reply(self._key, reply, encoding=zenoh.Encoding.APPLICATION_JSON)
             for message in messages:

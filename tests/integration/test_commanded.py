@@ -108,6 +108,16 @@ def test_a_rig_is_run_from_idle_to_its_end(tmp_path: Path, endpoint: str) -> Non
         assert far.ask("cmd/plan", action="set", pan=500)["code"] == "OUT_OF_RANGE"
         assert far.ask("cmd/scan", action="cancel")
         wait(far, "idle")
+        name = Path(far.ask("cmd/record", action="stop")["recorder"]["file"]).name
+        replay = far.ask("cmd/replay", action="load", file=name)["replay"]
+        assert (replay["playing"], replay["bursts"] >= 2) == (False, True)
+        assert wait(far, "scanning")["source"] == "replay"
+        assert far.ask("cmd/replay", action="step")["report"]["burst"] == 0
+        assert far.ask("cmd/replay", action="seek", burst=1)["replay"]["burst"] == 1
+        reply = far.ask("cmd/replay", action="step")
+        assert reply.get("report", reply)["frames"] == 5
+        assert far.ask("cmd/replay", action="stop")["state"] == "idle"
+        assert wait(far, "idle")["source"] == "simulation"
         status, said = end(process)
     assert status == 0, said
     assert "cmd/fusion {'method': 'bicubic', 'action': 'set'} by somebody" in said
@@ -119,7 +129,7 @@ def test_a_rig_is_run_from_idle_to_its_end(tmp_path: Path, endpoint: str) -> Non
     assert {record["who"] for record in records} == {"somebody"}
 
 
-@pytest.mark.parametrize("state", ["idle", "scanning", "paused", "streaming"])
+@pytest.mark.parametrize("state", ["idle", "scanning", "paused", "streaming", "replaying"])
 def test_a_signal_ends_it_in_every_state(tmp_path: Path, endpoint: str, state: str) -> None:
     with service(tmp_path, endpoint) as process, stranger(endpoint) as far:
         wait(far, "idle")
@@ -129,6 +139,10 @@ def test_a_signal_ends_it_in_every_state(tmp_path: Path, endpoint: str, state: s
             far.ask("cmd/scan", action="pause")
         if state == "streaming":
             far.ask("cmd/stream", action="start")
+        if state == "replaying":
+            far.ask("cmd/scan", action="once")
+            name = Path(far.ask("cmd/record", action="stop")["recorder"]["file"]).name
+            far.ask("cmd/replay", action="load", file=name, play=True, loop=True)
         began = time.monotonic()
         status, said = end(process)
         assert time.monotonic() - began < 7

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
-from scripted import calibration
 
 import drivers.recording.output as output
 from drivers.messages import Message, Schema
@@ -13,7 +12,7 @@ from drivers.recording import RecordingHead
 from service.config.sections import RecordingSection
 from service.errors import OutputError
 from service.messages.encoding import event_messages
-from service.messages.events import BurstCaptured, DevicesOpened, Event
+from service.messages.events import BurstCaptured, Event, HeadChanged
 from service.sinks.bus import Bus
 from service.sinks.recorder import Recorder
 from service.sinks.recording_directory import FileSeries, RecordingDirectory
@@ -46,10 +45,9 @@ def read(path: Path) -> list[tuple[str, int, bytes]]:
 HEAD = RecordingHead({"rig": "bench"}, (("configuration.toml", b"x = 1", "application/toml"),))
 
 
-def opened() -> DevicesOpened:
-    """Its own message is left out: the tests count theirs."""
-    event = DevicesOpened("scripted", "device", calibration(), None, 0, HEAD)
-    return made_of(event)
+def opened() -> HeadChanged:
+    """What every file begins with."""
+    return HeadChanged(HEAD)
 
 
 def made_of(event: Event, *messages: Message) -> Event:

@@ -7,6 +7,7 @@ from pydantic import Field
 
 from service.daemon.desk import Desk
 from service.daemon.modes import Scanning, planned
+from service.daemon.playing import Playing
 from service.daemon.verb import Answer, Command, Outcome, Place, Reply, Verb, then
 from service.errors import InvalidStateError
 from service.messages.encoding import fused_messages
@@ -34,6 +35,7 @@ class Start(Verb):
     action: Literal["start"]
 
     def carry_out(self, desk: Desk) -> Answer:
+        desk.require_devices()
         if isinstance(desk.mode, Scanning) and not desk.mode.asked and not desk.daemon.ending:
             return desk.reply(ScanReply)
         begun = desk.daemon.begin(Scanning(desk.daemon))
@@ -77,8 +79,12 @@ class Once(Verb):
     )
 
     def carry_out(self, desk: Desk) -> Answer:
-        _refuse_stream(desk)
         daemon, answer = desk.daemon, Future[Outcome]()
+        if isinstance(desk.mode, Playing):
+            desk.mode.once()
+            daemon.agenda.queue(lambda result: self._fused(desk, answer, result))
+            return answer
+        _refuse_stream(desk)
         following = daemon.agenda.next or desk.mode
         mode = following if isinstance(following, Scanning) else Scanning(daemon, asked=True)
         if mode is not following:
@@ -146,11 +152,13 @@ class Resume(Verb):
 
 
 def _require_scan(desk: Desk) -> None:
+    desk.refuse_replay()
     if not desk.is_scanning:
         raise InvalidStateError(f"{desk.daemon.states.state}: there is no scan; start one first")
 
 
 def _refuse_stream(desk: Desk) -> None:
+    desk.refuse_replay()
     if desk.is_streaming:
         raise InvalidStateError("streaming: end the stream first, with cmd/stream stop")
 

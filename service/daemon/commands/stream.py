@@ -24,6 +24,7 @@ class Start(Verb, StreamSection):
     action: Literal["start"]
 
     def carry_out(self, desk: Desk) -> Answer:
+        desk.require_devices()
         daemon = desk.daemon
         stream = desk.changed(daemon.configuration.stream, self.given)
         if desk.is_streaming and not daemon.ending and stream == daemon.configuration.stream:
@@ -44,6 +45,7 @@ class Stop(Verb):
     action: Literal["stop"]
 
     def carry_out(self, desk: Desk) -> Answer:
+        desk.refuse_replay()
         if desk.is_scanning:
             raise InvalidStateError("scanning: end the scan with cmd/scan stop")
         if desk.is_streaming:
