@@ -134,6 +134,13 @@ class RecordingSection(_Section):
     rotate_size: float = Field(1024.0, ge=1, le=1e6, description="MB after which a new file is begun.")
     rotate_duration: float = Field(3600.0, ge=1, le=1e6, description="Seconds until a new file is begun.")
     maps: bool = Field(True, description="Write fused maps too, not frames alone.")
+    preroll: float = Field(
+        2.0,
+        ge=0,
+        le=60,
+        description="Seconds before its start that a recording begins with; for as long nothing is lost "
+        "where the disk cannot be written.",
+    )
     budget: float = Field(20_000.0, ge=1, le=1e9, description="MB of all files; the oldest goes when full.")
 
     @model_validator(mode="after")

@@ -13,10 +13,11 @@ from service.files import made_directory
 from service.messages.summary import BurstSummary, RunSummary
 from service.sinks.bus import Bus
 from service.sinks.configured import configured_sinks
+from service.sinks.file_series import FileSeries
 from service.sinks.pictures import Pictures
 from service.sinks.publisher import Publisher
 from service.sinks.recorder import Recorder
-from service.sinks.recording_directory import FileSeries, RecordingDirectory
+from service.sinks.recording_directory import RecordingDirectory
 from service.sinks.sink import Sink
 from service.sinks.summaries import Summaries
 from service.wire.session import open_session
@@ -81,7 +82,7 @@ def run_service(
 def recorder_of(configuration: Configuration) -> Recorder:
     """The recorder of a service: files in the recording directory."""
     section = configuration.recording
-    return Recorder(RecordingDirectory(section, time.time_ns), maps=section.maps)
+    return Recorder(RecordingDirectory(section, time.time_ns), maps=section.maps, preroll=section.preroll)
 
 
 def _outputs(configuration: Configuration, output: Path | None, once: bool) -> dict[str, Callable[[], Sink]]:

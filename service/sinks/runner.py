@@ -70,6 +70,8 @@ class SinkRunner:
     ) -> None:
         self.name = name
         self._make, self._lasting, self._lossless, self._patience = make, lasting, lossless, patience
+        self._worth: Callable[[Event], int] = lambda _: 1
+        self._unit = "events"
         self._wants: tuple[type[Event], ...] = (Event,)
         self._state: Literal["running", "restarting", "failed", "ended"] = "running"
         self._taken = self._dropped = self._faults = self._abandoned = self._told = 0
@@ -84,7 +86,7 @@ class SinkRunner:
     def start(self, *, must_open: bool) -> None:
         """Begin; where it `must_open` it is opened here, and what that raises is raised."""
         sink = self._make()
-        self._wants = sink.wants
+        self._wants, self._unit, self._worth = sink.wants, sink.unit, sink.worth
         self._queue: BoundedQueue[Event] = BoundedQueue(
             sink.room.events,
             sink.room.size,
@@ -118,9 +120,10 @@ class SinkRunner:
                 self._give_up(f"it hung {self._abandoned} times")
             else:
                 self._begin(None)
-        if self._dropped > self._told:
-            _log.warning("sink %s: %d events lost so far", self.name, self._dropped)
-            self._told = self._dropped
+        dropped = self.state.dropped
+        if dropped > self._told:
+            _log.warning("sink %s: %d %s lost so far", self.name, dropped, self._unit)
+            self._told = dropped
 
     def wait_empty(self, timeout: float) -> bool:
         """Whether all that was put is worked off within `timeout` seconds."""
@@ -151,16 +154,18 @@ class SinkRunner:
 
     @property
     def state(self) -> SinkState:
-        """How it is doing."""
+        """How it is doing; one that is at fault and tries again by itself counts as restarting."""
+        sink = self.sink
+        fault = sink.fault if sink is not None and self._state == "running" else None
         return SinkState(
             name=self.name,
-            state=self._state,
+            state=self._state if fault is None else "restarting",
             waiting=len(self._queue),
             taken=self._taken,
-            dropped=self._dropped,
+            dropped=self._dropped + (0 if sink is None else sink.lost),
             faults=self._faults,
             abandoned=self._abandoned,
-            error=self._error,
+            error=fault or self._error,
         )
 
     @property
@@ -174,9 +179,10 @@ class SinkRunner:
         """What was lost to it, in words; complete once it is closed."""
         sink = self.sink
         said = self._losses + list(sink.losses if sink is not None else ())
-        if self._dropped or self._state == "failed":
+        dropped = self.state.dropped
+        if dropped or self._state == "failed":
             why = f" ({self._error})" if self._error else ""
-            said.append(f"{self.name}: {self._dropped} events lost{why}")
+            said.append(f"{self.name}: {dropped} {self._unit} lost{why}")
         return said
 
     def _begin(self, sink: Sink | None) -> None:
@@ -267,6 +273,7 @@ class SinkRunner:
         with suppress(Exception):
             self._files += sink.files
             self._losses += sink.losses
+            self._dropped += sink.lost
 
     def _abandon(self, why: str) -> None:
         attempt = self._attempt
@@ -288,9 +295,10 @@ class SinkRunner:
         self._queue.close()
         self._queue.clear()
 
-    def _drop(self, event: Event) -> None:  # noqa: ARG002
+    def _drop(self, event: Event) -> None:
+        worth = self._worth(event)
         with self._lock:
-            self._dropped += 1
+            self._dropped += worth
 
 
 class _timed:  # noqa: N801 — a context manager, read as a phrase
