@@ -1,6 +1,8 @@
 """A camera that plays a recording."""
 
-from collections.abc import Iterator
+import itertools
+import logging
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
@@ -13,7 +15,13 @@ from drivers.device import BackendOptions
 from drivers.errors import DeviceTimeoutError, EndOfRecordingError, RecordingError
 from drivers.frame import Frame
 from drivers.recording import Recording, open_recording
+from drivers.rounds import is_jump, risen
 from drivers.settings import CameraSettings, Capabilities
+
+_SHORT_PAUSE = 1_000_000_000
+"""ns that are played of a pause between two scans."""
+
+_log = logging.getLogger(__name__)
 
 
 class ReplayOptions(BackendOptions):
@@ -76,12 +84,26 @@ class ReplayCamera(Camera):
         if speed is None:
             return
         if self._anchor is None:
-            self._anchor = self.clock.now(), frame.timestamp
-        started, first = self._anchor
+            self._anchor, self._last = (self.clock.now(), frame.timestamp), frame.timestamp
+        started, first = self._anchor = self._anchored(frame.timestamp, speed)
         wait = (started + (frame.timestamp - first) / speed - self.clock.now()) / 1e9
         self.clock.sleep(min(wait, timeout))
         if wait > timeout:
             raise DeviceTimeoutError(f"the next recorded frame is due in {wait - timeout:.2f} s; grab again")
+
+    def _anchored(self, timestamp: int, speed: float) -> tuple[int, int]:
+        """When which time is due; anew where the clock was set meanwhile, or two scans lie far apart."""
+        assert self._anchor is not None
+        started, first = self._anchor
+        step, self._last = timestamp - self._last, timestamp
+        if not is_jump(step):
+            return self._anchor
+        pause = _SHORT_PAUSE if step > 0 else 0
+        _log.warning(
+            "%s: the time jumps by %+.0f s; goes on after %.1f s", self._replay.path, step / 1e9, pause / 1e9
+        )
+        before = started + round((timestamp - step - first) / speed)
+        return before + round(pause / speed), timestamp
 
     def _play(self) -> Iterator[tuple[Frame, Calibration | None]]:
         """Frames and the calibration of each, None where there is none."""
@@ -90,22 +112,16 @@ class ReplayCamera(Camera):
         if not self._replay.loop:
             return
         entries = self._recording.entries
-        times = [entry.timestamp for entry in entries]
-        span = max(times) - min(times)
-        round_time = span + max(1, span // max(1, len(times) - 1))
-        counted = 1 + max(entry.sequence for entry in entries) - min(entry.sequence for entry in entries)
-        bursts = [entry.burst for entry in entries if entry.burst is not None]
-        rounds = 0
-        while True:
-            rounds += 1
+        times = risen([entry.timestamp for entry in entries])
+        counted = _span([entry.sequence for entry in entries])
+        bursts = _span([entry.burst for entry in entries if entry.burst is not None])
+        for number in itertools.count(1):
             for frame in self._recording.frames():
                 again = replace(
                     frame,
-                    timestamp=frame.timestamp + rounds * round_time,
-                    sequence=frame.sequence + rounds * counted,
-                    burst=None
-                    if frame.burst is None
-                    else frame.burst + rounds * (1 + max(bursts) - min(bursts)),
+                    timestamp=next(times),
+                    sequence=frame.sequence + number * counted,
+                    burst=None if frame.burst is None else frame.burst + number * bursts,
                 )
                 yield again, self._calibration_of(frame)
 
@@ -135,6 +151,11 @@ class ReplayCamera(Camera):
     @property
     def _replay(self) -> ReplayOptions:
         return cast(ReplayOptions, self.options)
+
+
+def _span(numbers: Sequence[int]) -> int:
+    """How many numbers there are from the smallest to the largest."""
+    return 1 + max(numbers) - min(numbers) if numbers else 0
 
 
 def _recorded_settings(frame: Frame) -> CameraSettings:

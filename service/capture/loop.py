@@ -27,6 +27,9 @@ _ATTEMPTS = 4
 _STALE = 100
 """Stale frames in a row that cannot be what was still in the camera's buffers."""
 
+_NOTABLE = 0.5
+"""Seconds by which a clock is set that are worth a line."""
+
 T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
 
@@ -135,6 +138,7 @@ class ScanBursts:
         self._grabber, self._rig = grabber, grabber.rig
         self._plan, self._settle, self._move_timeout = plan, settle, move_timeout
         self._stand: _Stand | None = None
+        self._correction = 0
 
     def take(self, number: int) -> Burst:
         frames = [self.frame(number, pose) for pose in range(len(self._plan))]
@@ -143,12 +147,22 @@ class ScanBursts:
 
     def frame(self, number: int | None, pose: int) -> Frame:
         """The frame of a pose, as part of a burst where it has a number; tried again some times."""
+        if pose == 0:
+            self._set_clock()
         try:
             self._turn(pose)
             return self._tried(number, pose)
         except OperationError:
             self._stand = None  # the devices will be opened again, and may move at that
             raise
+
+    def _set_clock(self) -> None:
+        """Follow a clock that was set meanwhile, between two bursts: within one, times shall not jump."""
+        correction = self._rig.clock.correction()
+        moved = (correction - self._correction) / 1e9
+        if abs(moved) > _NOTABLE:
+            _log.warning("the clock was set by %+.1f s; frames are stamped accordingly", moved)
+        self._correction = correction
 
     def _tried(self, number: int | None, pose: int) -> Frame:
         last: OperationError | None = None
@@ -185,7 +199,14 @@ class ScanBursts:
         frame = self._fresh(self._stand.still)
         position = self._rig.motion.position
         numbers = (None, None) if number is None else (number, pose)
-        placed = replace(frame, pan=position.pan, tilt=position.tilt, burst=numbers[0], pose=numbers[1])
+        placed = replace(
+            frame,
+            timestamp=frame.timestamp + self._correction,
+            pan=position.pan,
+            tilt=position.tilt,
+            burst=numbers[0],
+            pose=numbers[1],
+        )
         return self._grabber.keep(placed)
 
     def _fresh(self, still: int) -> Frame:

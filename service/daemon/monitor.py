@@ -54,7 +54,7 @@ class Monitor:
         lost = {sink.name: sink.dropped for sink in sinks}
         recorder = self._bus.sink("recorder")
         return Status(
-            timestamp=self._rig.clock.now(),
+            timestamp=self._rig.clock.now() + self._rig.clock.correction(),
             version=software_version(),
             state=states.state,
             reason=states.reason,

@@ -1,5 +1,8 @@
 """The camera that plays a recording: same frames, absolute schedule, nothing dropped."""
 
+from dataclasses import replace
+from itertools import pairwise
+
 import pytest
 from made_frames import PERIOD, assert_same_frame, make_bursts
 
@@ -132,3 +135,39 @@ def test_what_cannot_be_played_is_refused_on_open(tmp_path):
     with pytest.raises(RecordingError, match="is not MCAP"):
         camera.open()
     assert not camera.is_open
+
+
+YEARS = 56 * 365 * 24 * 3600 * 10**9
+
+
+def jumping(path, jump):
+    """Six frames; the clock is set before the fourth."""
+    start = 10**18 + YEARS
+    with RecordingWriter(path) as writer:
+        for number, frame in enumerate(make_bursts(2, 3)):
+            at = start + number * PERIOD + (jump if number >= 3 else 0)
+            writer.write_frame(replace(frame, timestamp=at), Mount())
+    return path
+
+
+@pytest.mark.parametrize("jump", [YEARS, 3600 * 10**9, -3600 * 10**9, -YEARS])
+def test_a_clock_that_was_set_during_the_recording_costs_a_second_and_is_told(tmp_path, jump, caplog):
+    clock = VirtualClock(1_000)
+    camera = make_camera("replay", {"path": str(jumping(tmp_path / "jump.mcap", jump)), "speed": 1.0}, clock)
+    with camera:
+        camera.start()
+        played = [camera.grab(timeout=5.0) for _ in range(6)]
+    times = [frame.timestamp for frame in played]
+    assert times[3] - times[2] == jump + PERIOD
+    assert clock.now() == 1_000 + 4 * PERIOD + (10**9 if jump > 0 else 0)
+    (said,) = caplog.messages
+    assert "jump.mcap: the time jumps by" in said
+
+
+@pytest.mark.parametrize("jump", [YEARS, -YEARS])
+def test_a_loop_over_such_a_recording_goes_on_rising_a_usual_step_at_a_time(tmp_path, jump):
+    options = {"path": str(jumping(tmp_path / "jump.mcap", jump)), "loop": True}
+    with make_camera("replay", options, VirtualClock()) as camera:
+        camera.start()
+        times = [camera.grab().timestamp for _ in range(60)][5:]
+    assert [later - earlier for earlier, later in pairwise(times)] == [PERIOD] * 54
