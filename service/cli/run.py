@@ -1,13 +1,8 @@
 """`lidarboost run`: the service itself."""
 
 import logging
-import signal
 import sys
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -16,9 +11,7 @@ if TYPE_CHECKING:
     from service.config.sections import Configuration
     from service.daemon.daemon import Daemon
     from service.messages.summary import RunSummary
-
-_IMPATIENCE = 2.0
-"""Seconds after which a second signal is meant: `timeout` and some supervisors send each one twice."""
+    from service.signals import Stopping
 
 _REPLAY, _RUN = "Playing a recording", "Running"
 
@@ -88,8 +81,36 @@ def run(
 
     0 done; 1 failed; 2 wrong usage or configuration; 3 done, but data
     was lost: a damaged recording, a burst that could not be fused,
-    something not delivered. A daemon told to stop ends with 0.
+    something not delivered; 130 one pass stopped before its first map.
+    A daemon told to stop ends with 0.
     """
+    from service.signals import stopping
+
+    with stopping() as signals:
+        summary = _served(signals, config, replay, speed, loop, once, home, output, as_json)
+    if summary is None:
+        return
+    if as_json:
+        print(summary.model_dump_json(indent=2))
+    else:
+        _tell(summary)
+    # A daemon that was told to stop has done its work, whatever it lost on the way.
+    if summary.lost and not (signals.told and not once):
+        raise typer.Exit(3)
+
+
+def _served(
+    signals: "Stopping",
+    config: Path | None,
+    replay: Path | None,
+    speed: float | None,
+    loop: bool,
+    once: bool,
+    home: bool,
+    output: Path | None,
+    as_json: bool,
+) -> "RunSummary | None":
+    """What was done; None where it was told to stop before there was anything to do."""
     from drivers.errors import MotionStoppedError
     from service.capture.rig import make_rig
     from service.cli.operator import TerminalOperator, with_consent
@@ -105,22 +126,18 @@ def run(
     log_to_stream(logging.WARNING if once or as_json else logging.INFO)
     rig = make_rig(configuration, operator=TerminalOperator(home, sees_log=not (once or as_json)))
     sinks = {"progress": progress_sink()} if once and not as_json else {}
-    with _stopped_by_signals() as signals:
-        try:
-            summary = run_service(
-                configuration, rig, output=output, once=once, sinks=sinks, started=signals.stops
-            )
-        except MotionStoppedError as error:  # while the stage was opened: there is nothing to sum up
-            if once:
-                raise typer.Abort from error
-            return
-    if as_json:
-        print(summary.model_dump_json(indent=2))
-    else:
-        _tell(summary)
-    # A daemon that was told to stop has done its work, whatever it lost on the way.
-    if summary.lost and not (signals.told and not once):
-        raise typer.Exit(3)
+
+    def started(daemon: "Daemon") -> None:
+        signals.stops(daemon.stop.set)
+
+    try:
+        if not signals.told:
+            return run_service(configuration, rig, output=output, once=once, sinks=sinks, started=started)
+    except MotionStoppedError:  # while the stage was opened: there is nothing to sum up
+        pass
+    if once:
+        raise typer.Abort
+    return None
 
 
 def _check(replay: Path | None, speed: float | None, loop: bool, once: bool) -> None:
@@ -143,47 +160,6 @@ def _playing(configuration: "Configuration", path: Path, speed: float | None, lo
             "stage": configuration.stage.model_copy(update=stage),
         }
     )
-
-
-class _Signals:
-    """SIGTERM, SIGHUP and Ctrl-C end the run cleanly; another one some seconds later ends it at once."""
-
-    def __init__(self) -> None:
-        self._daemon: Daemon | None = None
-        self._first: float | None = None
-
-    @property
-    def told(self) -> bool:
-        """Whether one came."""
-        return self._first is not None
-
-    def stops(self, daemon: "Daemon") -> None:
-        """From now on they stop this one; one that came before does so now."""
-        self._daemon = daemon
-        if self.told:
-            daemon.stop.set()
-
-    def __call__(self, number: int, _frame: FrameType | None) -> None:
-        now = time.monotonic()
-        self._first = self._first or now
-        if self._daemon is not None:
-            self._daemon.stop.set()
-        if now - self._first > _IMPATIENCE:
-            signal.signal(number, signal.SIG_DFL)
-            signal.raise_signal(number)
-
-
-@contextmanager
-def _stopped_by_signals() -> Iterator[_Signals]:
-    signals = _Signals()
-    before = {
-        number: signal.signal(number, signals) for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
-    }
-    try:
-        yield signals
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _tell(summary: "RunSummary") -> None:

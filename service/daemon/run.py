@@ -54,6 +54,7 @@ def run_service(
         SessionError: no Zenoh session.
         OutputError: the output directory cannot be made.
         DriverError, ServiceError: as `Daemon.run`; nothing is left in `output` then.
+        KeyboardInterrupt: one pass was told to stop before its first map; the same.
     """
     began = time.monotonic()
     summaries: deque[BurstSummary] = deque(maxlen=1000)
@@ -73,6 +74,8 @@ def run_service(
             bus.add(name, make)
         started(daemon)
         daemon.run()
+        if once and daemon.stop.is_set() and daemon.ledger.fused == 0:
+            raise KeyboardInterrupt  # there is nothing to hand over
         publisher = bus.sink("publisher")
         bus.close(_HANDOVER_TOLD if daemon.stop.is_set() else _HANDOVER)
         published = publisher.published if isinstance(publisher, Publisher) else 0

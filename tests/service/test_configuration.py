@@ -101,7 +101,9 @@ def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
             "environment variable LIDARBOOST_FUSION__METHOD: fusion.method",
         ),
         ("LIDARBOOST_FUSION__METOD", "area", "unknown key fusion.metod; did you mean fusion.method?"),
-        ("LIDARBOOST_FUSON__METHOD", "area", "did you mean LIDARBOOST_FUSION?"),
+        ("LIDARBOOST_FUSON__METHOD", "area", "did you mean LIDARBOOST_FUSION__METHOD?"),
+        ("LIDARBOOST_FUSION_FRAMES", "7", "did you mean LIDARBOOST_FUSION__FRAMES?"),
+        ("LIDARBOOST_XYZZY", "7", "known here: LIDARBOOST_START, LIDARBOOST_CAMERA"),
         ("LIDARBOOST_FUSION", "area", "environment"),
     ],
 )
