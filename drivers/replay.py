@@ -14,6 +14,7 @@ from drivers.camera import Camera
 from drivers.device import BackendOptions
 from drivers.errors import DeviceTimeoutError, EndOfRecordingError, RecordingError
 from drivers.frame import Frame
+from drivers.names import shown
 from drivers.recording import Recording, open_recording
 from drivers.rounds import is_jump, risen
 from drivers.settings import CameraSettings, Capabilities
@@ -144,7 +145,7 @@ class ReplayCamera(Camera):
             shape=self._recording.entries[0].shape,
             source="replay",
             carries_pose=True,
-            model=known.get("camera_model", f"recording {self._replay.path.name}"),
+            model=known.get("camera_model", f"recording {shown(self._replay.path.name)}"),
             serial=known.get("camera_serial"),
         )
 

@@ -90,6 +90,8 @@ def test_a_name_that_is_no_text_is_no_obstacle(
     done = lidarboost("info", name, env=environment)
     assert done.returncode == 0, done.stderr
     assert b"8 of 6" in done.stdout
+    done = lidarboost("info", name, "--json", env=environment)
+    assert json.loads(done.stdout)["path"].endswith("odd-\N{REPLACEMENT CHARACTER}.mcap"), done.stderr
     done = lidarboost("fuse", name, "-o", tmp_path / "x.mcap", "--json", env=environment)
     assert done.returncode == 0, done.stderr
     done = lidarboost(
