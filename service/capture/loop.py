@@ -81,9 +81,14 @@ class Grabber:
         self.rig, self.stop = rig, stop
         self.counts = CaptureCounts()
         self._timeout = timeout
-        rig.stage.interrupted = stop.is_set
+        rig.stage.interrupted = self._interrupted
         self._listener = listener
         self._sequence: int | None = None
+
+    def _interrupted(self) -> bool:
+        """Asked by a stage that moves, and has a deadline of its own: a sign of life."""
+        self.rig.beats += 1
+        return self.stop.is_set()
 
     def grab(self) -> Frame:
         """The next frame; raises as `Camera.grab`, and `StoppedError` once `stop` is set."""
@@ -102,7 +107,7 @@ class Grabber:
             try:
                 return self.grab()
             except DeviceTimeoutError:
-                continue
+                self.rig.beats += 1
 
     def keep(self, frame: Frame) -> Frame:
         """Count a frame that belongs to a burst, and show it."""

@@ -181,9 +181,8 @@ class Daemon:
 
     def _wait_ready(self) -> None:
         """Wait until the kernels are compiled; raises `WorkerError` where the fusion was given up."""
-        why = "the fusion loads its kernels; on its first run here it compiles them, for about two minutes"
-        self.states.enter("starting", why)
         while not self.stop.is_set():
+            self.states.enter("starting", f"the fusion {self._executor.progress}")
             try:
                 self._executor.ready.result(timeout=0.2)
                 return

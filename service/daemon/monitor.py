@@ -104,7 +104,8 @@ class Monitor:
             f"STATUS={status.state}, {status.rates.frames:.1f} frames/s, {status.totals.fused} maps, "
             f"{status.drops.camera} frames dropped"
         )
-        progress = self._rig.beats + status.totals.frames
+        tried = status.totals.frames + status.drops.stale + status.drops.faults
+        progress = self._rig.beats + tried
         alive = progress != self._seen
         self._seen = progress
         notify(line, *([WATCHDOG] if alive else []))

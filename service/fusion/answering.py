@@ -1,7 +1,8 @@
 """What runs inside the fusion's process: jobs in, maps out."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from service.fusion.job import BurstJob, FrameJob, Job
 from service.fusion.streams import Stream
 from service.messages.burst import Burst
 from service.messages.map import FusedMap
+from service.processes.worker import tell
 from solver.errors import FusionError
 
 
@@ -30,6 +32,13 @@ class Ready:
     """They are, after so many seconds."""
 
     seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Compiling:
+    """How many kernels were compiled so far, none of which lay on the disk."""
+
+    kernels: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +80,33 @@ def _stream(streams: dict[int, Stream], job: FrameJob) -> Stream:
 def _warm_up(request: WarmUp) -> Ready:
     """Compile the kernels of the configured method on a small scene: a step, seen by some frames."""
     began = time.perf_counter()
+    with _compilations_told():
+        _fuse_small_scenes(request)
+    return Ready(time.perf_counter() - began)
+
+
+@contextmanager
+def _compilations_told() -> Iterator[None]:
+    """Tell of every kernel that is compiled meanwhile; what a kernel is made of counts with it."""
+    from numba.core import event
+
+    class Listener(event.Listener):
+        depth = kernels = 0
+
+        def on_start(self, _: object) -> None:
+            self.depth += 1
+
+        def on_end(self, _: object) -> None:
+            self.depth -= 1
+            if self.depth == 0:
+                self.kernels += 1
+                tell(Compiling(self.kernels))
+
+    with event.install_listener("numba:compile", Listener()):
+        yield
+
+
+def _fuse_small_scenes(request: WarmUp) -> None:
     frames, calibration = _small_scene(3 if request.window is None else request.window + 3)
     fuse_burst(Burst(0, frames[:3], calibration, 3), request.settings)
     if request.window is not None:
@@ -81,7 +117,6 @@ def _warm_up(request: WarmUp) -> Ready:
         stream = Stream(jobs[0])
         for job in jobs:
             stream.push(job)
-    return Ready(time.perf_counter() - began)
 
 
 def _small_scene(count: int) -> tuple[tuple[Frame, ...], Calibration]:

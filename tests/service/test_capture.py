@@ -325,3 +325,16 @@ def test_a_clock_that_is_set_stamps_the_next_burst_and_disturbs_none(moved: int,
         assert 0 < (burst[-1] - burst[0]) / 1e9 < 5
     assert scene.counts.stale < 60
     assert scene.counts.faults == 0
+
+
+def test_a_long_movement_and_a_long_recorded_pause_are_signs_of_life() -> None:
+    scene = Scene()
+    scene.take(1)
+    moving = scene.rig.beats
+    assert moving >= 4
+    silent = Scene(
+        carried=[frame(k, k * PERIOD, burst=0, pose=k) for k in range(3)],
+        camera_faults={call: DeviceTimeoutError("none yet") for call in range(1, 21)},
+    )
+    silent.take(1)
+    assert silent.rig.beats >= 20
