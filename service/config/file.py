@@ -79,11 +79,6 @@ def load(path: Path | None = None, flags: Mapping[str, Any] | None = None) -> Co
     return Configuration(**{name: getattr(found, name) for name in Configuration.model_fields})
 
 
-def schema() -> dict[str, Any]:
-    """JSON schema of the file."""
-    return Configuration.model_json_schema()
-
-
 def _read(path: Path) -> dict[str, Any]:
     try:
         return parse_toml(path.read_bytes())
