@@ -68,7 +68,7 @@ NARROW = [
 ]
 
 
-@pytest.mark.parametrize("encoding", ["latin-1", "ascii"])
+@pytest.mark.parametrize("encoding", ["latin-1", pytest.param("ascii", marks=pytest.mark.faults)])
 def test_what_an_encoding_lacks_is_replaced_and_undoes_nothing(
     small: Path, tmp_path: Path, environment: dict[str, str], encoding: str
 ) -> None:
@@ -82,6 +82,7 @@ def test_what_an_encoding_lacks_is_replaced_and_undoes_nothing(
         assert done.stdout
 
 
+@pytest.mark.faults
 def test_a_name_that_is_no_text_is_no_obstacle(
     small: Path, tmp_path: Path, environment: dict[str, str]
 ) -> None:
@@ -100,7 +101,9 @@ def test_a_name_that_is_no_text_is_no_obstacle(
     assert (done.returncode, json.loads(done.stdout)["lost"]) == (0, []), done.stderr
 
 
-@pytest.mark.parametrize("closed", ["2>&-", ">&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize(
+    "closed", ["<&- >&- 2>&-", *(pytest.param(one, marks=pytest.mark.faults) for one in ("2>&-", ">&-"))]
+)
 def test_closed_streams_are_no_obstacle(
     small: Path, tmp_path: Path, environment: dict[str, str], closed: str
 ) -> None:
@@ -145,7 +148,13 @@ def test_variables_that_kubernetes_makes_are_none_of_ours(environment: dict[str,
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(
+    "number",
+    [
+        signal.SIGHUP,
+        *(pytest.param(one, marks=pytest.mark.faults) for one in (signal.SIGTERM, signal.SIGINT)),
+    ],
+)
 def test_a_signal_leaves_nothing_behind(
     tmp_path: Path, environment: dict[str, str], number: signal.Signals
 ) -> None:
@@ -161,6 +170,7 @@ def test_a_signal_leaves_nothing_behind(
     assert list((tmp_path / "out").iterdir()) == []
 
 
+@pytest.mark.faults
 def test_what_ignores_a_closed_shell_goes_on(tmp_path: Path, environment: dict[str, str]) -> None:
     words = ["simulate", "-n", "20", "--output", str(tmp_path / "scan.mcap")]
     child = subprocess.Popen(
@@ -199,6 +209,7 @@ def test_capture_that_is_ended_early_keeps_what_it_took(
     assert look.with_suffix(".png").exists()
 
 
+@pytest.mark.faults
 @pytest.mark.parametrize("words", [["run", "--replay", "{}", "--loop"], ["fuse", "{}"], ["run", "--once"]])
 def test_a_signal_in_the_first_second_leaves_no_traceback(
     small: Path, environment: dict[str, str], words: list[str]
