@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from threading import Event as Flag
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 from drivers.errors import StorageError
 from drivers.messages import Message
@@ -17,13 +17,11 @@ from service.messages.encoding import event_messages
 from service.messages.events import BurstCaptured, DevicesOpened, Event, FrameCaptured, MapFused
 from service.messages.status import RecorderState
 from service.messages.topics import TOPICS
+from service.sinks.destination import Destination, is_over
 from service.sinks.preroll import Preroll
 from service.sinks.recording_file import RecordingFile, Unit
 from service.sinks.recovery import Recovery
 from service.sinks.sink import Room, Sink
-
-_OVERDUE = 1.1
-"""A file is ended between two bursts, and in the middle of one only when it is a tenth over its limit."""
 
 _RETRY = 1.0
 """Seconds after which a place that could not be written is tried again, and between looks at the file."""
@@ -34,15 +32,6 @@ _MOST_WAITING = 64 << 20
 _GONE = "{} is gone: its folder was deleted or unmounted while it was written"
 
 _log = logging.getLogger(__name__)
-
-
-class Destination(Protocol):
-    """Where files go, when the next one is due, and what an earlier run left unfinished."""
-
-    def next_path(self) -> Path: ...
-    def is_full(self, size: float, age: float) -> bool: ...
-    def leftovers(self) -> list[Path]: ...
-    def make_room(self, megabytes: float) -> None: ...
 
 
 class Recorder(Sink):
@@ -216,7 +205,7 @@ class Recorder(Sink):
 
     def _file_for(self, unit: Unit) -> RecordingFile:
         assert self._head is not None
-        if self._file is not None and self._is_over(self._file, begins_burst=unit.begins_burst):
+        if self._file is not None and is_over(self._destination, self._file, unit.begins_burst):
             self._finish()
         if self._file is None:
             self._file = RecordingFile(self._destination.next_path(), self._head, self._now())
@@ -256,12 +245,6 @@ class Recorder(Sink):
         self._kept += file.written
         self._files.append(file.path)
         return file.pending
-
-    def _is_over(self, file: RecordingFile, *, begins_burst: bool) -> bool:
-        size, age = file.size, file.age
-        if begins_burst and self._destination.is_full(size, age):
-            return True
-        return self._destination.is_full(size / _OVERDUE, age / _OVERDUE)
 
 
 def _is_there(path: Path) -> bool:

@@ -12,6 +12,7 @@ from typing import Literal
 from service.errors import EncodingError
 from service.messages.events import Event, Logged
 from service.messages.status import SinkState
+from service.sinks.attempt import Attempt, timed
 from service.sinks.queue import BoundedQueue
 from service.sinks.sink import Sink
 
@@ -22,7 +23,7 @@ _HANG, _TIMES_USUAL = 10.0, 10.0
 """A sink hangs that works on one event for that many seconds and that many times as long as ever before."""
 
 _ABANDONED = 3
-"""Hanging threads that are given up before the sink is."""
+"""Hanging threads at most; then the sink waits until they come back."""
 
 _FIRST_WAIT, _LONGEST_WAIT = 0.5, 30.0
 """Seconds before the first restart, and at most between later ones."""
@@ -37,15 +38,6 @@ class Patience:
     held: float = _PATIENCE
     hang: float = _HANG
     restart: float = _FIRST_WAIT
-
-
-class _Attempt:
-    """One thread with one sink after the other, until it hangs."""
-
-    def __init__(self) -> None:
-        self.sink: Sink | None = None
-        self.began: float | None = None
-        self.abandoned = False
 
 
 class SinkRunner:
@@ -79,7 +71,8 @@ class SinkRunner:
         self._error: str | None = None
         self._files: list[str] = []
         self._losses: list[str] = []
-        self._discarding = False
+        self._discarding = self._waits = False
+        self._hanging: list[Thread] = []
         self._over = Flag()
         self._lock = Lock()
 
@@ -116,14 +109,25 @@ class SinkRunner:
         limit = max(self._patience.hang, _TIMES_USUAL * self._longest)
         if attempt.began is not None and now - attempt.began > limit and self._state != "failed":
             self._abandon(f"it hung for {now - attempt.began:.0f} s")
-            if self._abandoned >= _ABANDONED:
-                self._give_up(f"it hung {self._abandoned} times")
-            else:
-                self._begin(None)
+            self._begin_unless_all_hang()
+        elif self._waits:
+            self._begin_unless_all_hang()
         dropped = self.state.dropped
         if dropped > self._told:
             _log.warning("sink %s: %d %s lost so far", self.name, dropped, self._unit)
             self._told = dropped
+
+    def _begin_unless_all_hang(self) -> None:
+        """Begin another thread, where not too many hang; what hung on a disk or a share may come back."""
+        self._hanging = [thread for thread in self._hanging if thread.is_alive()]
+        if len(self._hanging) < _ABANDONED:
+            self._waits = False
+            self._begin(None)
+        elif not self._waits:
+            self._waits, self._state = True, "failed"
+            self._error = f"it hung {self._abandoned} times; it goes on once what it waits for comes back"
+            _log.error("sink %s: %s", self.name, self._error)
+            self._queue.clear()
 
     def wait_empty(self, timeout: float) -> bool:
         """Whether all that was put is worked off within `timeout` seconds."""
@@ -140,8 +144,9 @@ class SinkRunner:
     def close(self, timeout: float, *, discard: bool = False) -> None:
         """End it, and give it up where that takes longer than `timeout` seconds."""
         self.end(discard=discard)
-        self._thread.join(timeout)
-        if self._thread.is_alive():
+        if not self._waits:
+            self._thread.join(timeout)
+        if self._thread.is_alive() and not self._waits:
             self._abandon(f"it did not finish within {timeout:.0f} s")
             self._queue.clear()
         if self._state != "failed":
@@ -186,12 +191,12 @@ class SinkRunner:
         return said
 
     def _begin(self, sink: Sink | None) -> None:
-        self._attempt = _Attempt()
+        self._attempt = Attempt()
         self._attempt.sink = sink
         self._thread = Thread(target=self._run, args=(self._attempt,), name=self.name, daemon=True)
         self._thread.start()
 
-    def _run(self, attempt: _Attempt) -> None:
+    def _run(self, attempt: Attempt) -> None:
         wait = self._patience.restart
         while not attempt.abandoned:
             taken = self._taken
@@ -209,9 +214,9 @@ class SinkRunner:
                 return
             wait = min(2 * wait, _LONGEST_WAIT)
 
-    def _serve(self, attempt: _Attempt) -> None:
+    def _serve(self, attempt: Attempt) -> None:
         """Open a sink where there is none, give it the events until the queue ends, close it."""
-        with _timed(attempt):
+        with timed(attempt):
             if attempt.sink is None:
                 attempt.sink = self._make()
                 attempt.sink.open()
@@ -228,10 +233,10 @@ class SinkRunner:
         if not attempt.abandoned:
             sink.discard() if self._discarding else sink.close()
 
-    def _take(self, attempt: _Attempt, sink: Sink, event: Event) -> None:
+    def _take(self, attempt: Attempt, sink: Sink, event: Event) -> None:
         began = time.monotonic()
         try:
-            with _timed(attempt):
+            with timed(attempt):
                 sink.take(event)
         except EncodingError as error:
             # Not the sink's fault: it goes on with the next event.
@@ -245,7 +250,7 @@ class SinkRunner:
             self._taken += 1
             self._longest = max(self._longest, time.monotonic() - began)
 
-    def _lose(self, attempt: _Attempt, error: Exception, event: Event) -> None:
+    def _lose(self, attempt: Attempt, error: Exception, event: Event) -> None:
         if attempt.abandoned:
             return
         self._faults += 1
@@ -260,12 +265,12 @@ class SinkRunner:
         self._state = "restarting"
         _log.error("sink %s failed: %s; starting it again in %.1f s", self.name, self._error, wait)
 
-    def _retire(self, attempt: _Attempt) -> None:
+    def _retire(self, attempt: Attempt) -> None:
         """Close a sink that failed; what it has written so far is kept."""
         sink, attempt.sink = attempt.sink, None
         if sink is None:
             return
-        with suppress(Exception), _timed(attempt):
+        with suppress(Exception), timed(attempt):
             sink.discard() if self._discarding else sink.close()
         self._keep(sink)
 
@@ -282,6 +287,7 @@ class SinkRunner:
         if sink is not None:
             sink.abandoned.set()
             self._keep(sink)
+        self._hanging.append(self._thread)
         self._abandoned += 1
         self._faults += 1
         self._dropped += 1
@@ -299,16 +305,3 @@ class SinkRunner:
         worth = self._worth(event)
         with self._lock:
             self._dropped += worth
-
-
-class _timed:  # noqa: N801 — a context manager, read as a phrase
-    """Notes since when the thread is in the hands of its sink."""
-
-    def __init__(self, attempt: _Attempt) -> None:
-        self._attempt = attempt
-
-    def __enter__(self) -> None:
-        self._attempt.began = time.monotonic()
-
-    def __exit__(self, *_: object) -> None:
-        self._attempt.began = None

@@ -1,6 +1,11 @@
 """A service whose recording cannot be written: the recording alone stops, and everybody is told."""
 
+import json
 import subprocess
+import sys
+import time
+from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 
 import pytest
@@ -10,9 +15,13 @@ from test_recorder_faults import disk
 from drivers.recording import open_recording
 from service.daemon.daemon import Daemon
 from service.daemon.run import run_service
+from service.errors import RemoteError
 from service.messages.events import Event, StatusTold
 from service.messages.status import Status
 from service.sinks.sink import Sink
+from service.wire.client import Client
+
+ROOT = Path(__file__).parents[2]
 
 __all__ = ["configure", "disk"]
 
@@ -93,3 +102,44 @@ def test_a_recording_folder_that_is_unmounted_is_told_within_seconds(
     assert len(told.statuses) - gone[0] <= 6
     assert any("is gone" in loss for loss in summary.lost)
     assert all(Path(name).exists() for name in summary.files)
+
+
+@pytest.mark.faults
+def test_after_a_kill_at_fifty_frames_a_second_three_frames_at_most_are_missing(
+    tmp_path: Path, endpoint: str
+) -> None:
+    zenoh = tmp_path / "zenoh.json5"
+    zenoh.write_text(json.dumps({"listen": {"endpoints": [endpoint]}}))
+    rig_file = tmp_path / "rig.toml"
+    rig_file.write_text(
+        f'zenoh = {{ config = "{zenoh}" }}\nrecording = {{ enabled = true, directory = "{tmp_path}/r" }}\n'
+        '[camera]\nbackend = "simulated"\nsettings = { integration_time = 0.004, frame_rate = 50.0 }\n'
+        'options = { scene = "plane" }\n'
+        '[fusion]\nmethod = "nearest"\nregister_poses = false\n[plan]\nspan = 0\n'
+    )
+    code = "from service.entry import main; main()"
+    service = subprocess.Popen(
+        [sys.executable, "-c", code, "run", str(rig_file)], stdout=subprocess.DEVNULL, cwd=ROOT
+    )
+    try:
+        until(lambda: list((tmp_path / "r").glob("*.active")) and service.poll() is None)
+        with Client(endpoint) as client, client.subscribe("camera/frame") as frames:
+            seen = [received.value["sequence"] for received in islice(frames, 150)]
+            service.kill()
+            service.wait()
+            with suppress(RemoteError):
+                seen += [received.value["sequence"] for received in frames]
+    finally:
+        service.kill()
+        service.wait()
+    (active,) = (tmp_path / "r").glob("*.active")
+    recorded = open_recording(active).entries[-1].sequence
+    assert seen[-1] - recorded <= 3
+    assert seen[-1] - seen[0] >= 149
+
+
+def until(happened) -> None:
+    deadline = time.monotonic() + 200
+    while not happened():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
