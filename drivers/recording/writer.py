@@ -77,6 +77,11 @@ class RecordingWriter:
         if name == attachments.CALIBRATION:
             self._calibration = data
 
+    def note(self, name: str, content: Mapping[str, str]) -> None:
+        """Add a metadata record."""
+        self._require_open()
+        self._writer.add_metadata(name, dict(content))
+
     def write(self, message: Message, log_time: int) -> None:
         """Append a message; `log_time` is when this host received it, ns since the epoch."""
         self._require_open()

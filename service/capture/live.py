@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import islice
-from threading import Event
 
 from drivers.errors import EndOfRecordingError
 from drivers.frame import Frame
+from service.capture.control import Control
 from service.capture.loop import Grabber
 from service.capture.motion import Operator
 from service.capture.rig import make_rig
@@ -27,7 +27,7 @@ def live(configuration: Configuration, operator: Operator | None = None) -> Iter
     rig = make_rig(configuration, operator=operator)
     try:
         rig.open()
-        yield Grabber(rig, configuration.camera.timeout, Event())
+        yield Grabber(rig, configuration.camera.timeout, Control())
     finally:
         rig.close()
 

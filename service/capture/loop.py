@@ -1,23 +1,21 @@
-"""Takes bursts: from a turning camera by a plan, or from frames that already say where they belong."""
+"""Takes a burst: from a turning camera by a plan, or from frames that already say where they belong."""
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from threading import Event
-from typing import Generic, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 from drivers.bursts import BurstCutter, ExpectedFrames
 from drivers.errors import (
     DeviceLostError,
     DeviceTimeoutError,
     EndOfRecordingError,
-    MotionStoppedError,
     OperationError,
 )
 from drivers.frame import Frame
 from drivers.position import Position
+from service.capture.control import Control
 from service.capture.rig import Rig
-from service.errors import ServiceError
 from service.messages.burst import Burst
 from service.planning.plan import Plan
 
@@ -30,7 +28,6 @@ _STALE = 100
 _NOTABLE = 0.5
 """Seconds by which a clock is set that are worth a line."""
 
-T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
 
 _log = logging.getLogger(__name__)
@@ -48,7 +45,7 @@ class CaptureCounts:
         lost: times that a device was lost.
         interrupted: bursts given up and taken again.
         bursts: finished bursts.
-        error: the last fault, in words; empty = none.
+        error: the last fault, in words; empty = none, or frames have come since.
     """
 
     frames: int = 0
@@ -68,32 +65,31 @@ class Source(Protocol[T_co]):
         """The burst, or the stream's frame, of that number; raises as the devices do."""
 
 
-class StoppedError(ServiceError):
-    """The capture was told to stop in the middle of a burst."""
-
-
 class Grabber:
     """Grabs frames, counts what is missing between them, and shows each one it keeps to a listener."""
 
     def __init__(
-        self, rig: Rig, timeout: float, stop: Event, listener: Callable[[Frame], None] = lambda _: None
+        self, rig: Rig, timeout: float, control: Control, listener: Callable[[Frame], None] = lambda _: None
     ) -> None:
-        self.rig, self.stop = rig, stop
+        self.rig, self.control = rig, control
         self.counts = CaptureCounts()
         self._timeout = timeout
         rig.stage.interrupted = self._interrupted
         self._listener = listener
         self._sequence: int | None = None
+        self._held: Frame | None = None
 
     def _interrupted(self) -> bool:
         """Asked by a stage that moves, and has a deadline of its own: a sign of life."""
-        self.rig.beats += 1
-        return self.stop.is_set()
+        self.rig.beat()
+        return self.control.halted
 
     def grab(self) -> Frame:
-        """The next frame; raises as `Camera.grab`, and `StoppedError` once `stop` is set."""
-        if self.stop.is_set():
-            raise StoppedError("the capture was stopped")
+        """The next frame; raises as `Camera.grab`, and `StoppedError` once stopped or cancelled."""
+        self.control.check()
+        if self._held is not None:
+            held, self._held = self._held, None
+            return held
         frame = self.rig.camera.grab(self._timeout)
         if self._sequence is not None:
             # Numbers start again when the camera does, or a recording is played again.
@@ -107,11 +103,28 @@ class Grabber:
             try:
                 return self.grab()
             except DeviceTimeoutError:
-                self.rig.beats += 1
+                self.rig.beat()
+
+    def grab_fresh(self, still: int) -> Frame:
+        """The next frame whose exposure began at `still` (ns) or later; raises as `grab`."""
+        for _ in range(_STALE):
+            frame = self.grab()
+            if self.rig.camera.exposure_start(frame) >= still:
+                return frame
+            self.counts.stale += 1
+        raise OperationError(
+            f"{_STALE} frames in a row were exposed before the stage stood still; expected their times to "
+            "follow the host's clock: check the camera's timestamps"
+        )
+
+    def put_back(self, frame: Frame) -> None:
+        """Have the next `grab` give this one again: it belongs to the next burst."""
+        self._held = frame
 
     def keep(self, frame: Frame) -> Frame:
         """Count a frame that belongs to a burst, and show it."""
         self.counts.frames += 1
+        self.counts.error = ""  # whatever it was, frames come again
         self._listener(frame)
         return frame
 
@@ -137,16 +150,27 @@ class ScanBursts:
         plan: poses of one burst.
         settle: seconds to stand still before an exposure may begin.
         move_timeout: seconds that a movement may take longer than at the stage's speed.
+        begun: frames of the first poses of the first burst, captured before.
     """
 
-    def __init__(self, grabber: Grabber, plan: Plan, settle: float, move_timeout: float) -> None:
+    def __init__(
+        self,
+        grabber: Grabber,
+        plan: Plan,
+        settle: float,
+        move_timeout: float,
+        begun: Sequence[Frame] = (),
+    ) -> None:
+        self._begun = begun
         self._grabber, self._rig = grabber, grabber.rig
         self._plan, self._settle, self._move_timeout = plan, settle, move_timeout
         self._stand: _Stand | None = None
         self._correction = 0
 
     def take(self, number: int) -> Burst:
-        frames = [self.frame(number, pose) for pose in range(len(self._plan))]
+        begun, self._begun = self._begun, ()
+        frames = [self._grabber.keep(frame) for frame in begun]
+        frames += [self.frame(number, pose) for pose in range(len(frames), len(self._plan))]
         self._grabber.counts.bursts += 1
         return Burst(number, tuple(frames), self._rig.calibration, len(self._plan))
 
@@ -155,6 +179,7 @@ class ScanBursts:
         if pose == 0:
             self._set_clock()
         try:
+            self._grabber.control.between_poses()
             self._turn(pose)
             return self._tried(number, pose)
         except OperationError:
@@ -201,7 +226,7 @@ class ScanBursts:
 
     def _attempt(self, number: int | None, pose: int) -> Frame:
         assert self._stand is not None
-        frame = self._fresh(self._stand.still)
+        frame = self._grabber.grab_fresh(self._stand.still)
         position = self._rig.motion.position
         numbers = (None, None) if number is None else (number, pose)
         placed = replace(
@@ -213,17 +238,6 @@ class ScanBursts:
             pose=numbers[1],
         )
         return self._grabber.keep(placed)
-
-    def _fresh(self, still: int) -> Frame:
-        for _ in range(_STALE):
-            frame = self._grabber.grab()
-            if self._rig.camera.exposure_start(frame) >= still:
-                return frame
-            self._grabber.counts.stale += 1
-        raise OperationError(
-            f"{_STALE} frames in a row were exposed before the stage stood still; expected their times to "
-            "follow the host's clock: check the camera's timestamps"
-        )
 
 
 class CarriedBursts:
@@ -241,21 +255,20 @@ class CarriedBursts:
         self._grabber, self._rig = grabber, grabber.rig
         self._length = frames
         self._cutter, self._expected = BurstCutter(frames), ExpectedFrames(frames, planned)
-        self._next: Frame | None = None
 
     def take(self, number: int) -> Burst:
-        first = self._next or self._grab_first()
-        self._next = None
+        first = self._grab_first()
         calibration = self._rig.calibration
         frames = [self._grabber.keep(_numbered(first, number, 0))]
         # A burst that is cut by number is complete without a look at the next frame.
         while first.burst is not None or len(frames) < self._length:
+            self._grabber.control.between_poses()
             try:
                 frame = self._grabber.grab_patiently()
             except EndOfRecordingError:
                 break
             if self._begins(frame):
-                self._next = frame
+                self._grabber.put_back(frame)
                 break
             frames.append(self._grabber.keep(_numbered(frame, number, len(frames))))
         expected = self._expected.of(frames) if first.burst is not None else self._length
@@ -269,55 +282,6 @@ class CarriedBursts:
 
     def _begins(self, frame: Frame) -> bool:
         return self._cutter.begins(frame, frame.shape, self._rig.calibration)
-
-
-class Capture(Generic[T]):
-    """Takes burst after burst, or frame after frame, and survives what happens to the devices.
-
-    Args:
-        grabber: gives frames of the (open) rig.
-        source: takes them.
-        pause: seconds between one and the next.
-        recovering: told why the devices are opened again, and None once they are.
-    """
-
-    def __init__(
-        self,
-        grabber: Grabber,
-        source: Source[T],
-        pause: float = 0.0,
-        recovering: Callable[[str | None], None] = lambda _: None,
-    ) -> None:
-        self.counts = grabber.counts
-        self._grabber, self._rig = grabber, grabber.rig
-        self._source, self._pause, self._recovering = source, pause, recovering
-
-    def run(self) -> Iterator[T]:
-        """All until the grabber is stopped or a recording ends; what is interrupted is taken again.
-
-        Raises:
-            MotionError: the stage must not move any more.
-        """
-        number, stop = 0, self._grabber.stop
-        while not stop.is_set():
-            try:
-                taken = self._source.take(number)
-            except (EndOfRecordingError, StoppedError, MotionStoppedError):
-                return
-            except OperationError as error:
-                self.counts.lost += 1
-                self.counts.interrupted += 1
-                self.counts.error = str(error)
-                _log.error("number %d interrupted: %s; opening the devices again", number, error)
-                self._recovering(str(error))
-                if not self._rig.reopen(stop.is_set):
-                    return
-                self._recovering(None)
-                self._grabber.restart()
-                continue
-            number += 1
-            yield taken
-            self._rig.wait(self._pause, stop.is_set)
 
 
 def _numbered(frame: Frame, burst: int, pose: int) -> Frame:

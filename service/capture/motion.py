@@ -59,7 +59,6 @@ class Motion:
         """
         if self._stage.needs_home:
             self._find_position()
-            self._announced = None
         if poses is not self._announced:
             self._announce(poses)
             self._announced = poses
@@ -89,14 +88,18 @@ class Motion:
                 if self._stage.uncertainty is not None:
                     raise OperationError(self._stage.uncertainty)
 
+    def home(self) -> None:
+        """Find the position, which calling it consents to; raises as `prepare`."""
+        self._operator.tell(f"homing {self._stage}: it {self._stage.homing}")
+        with self._final():
+            self._stage.home()
+        self._failed, self._announced = False, None
+
     def _find_position(self) -> None:
         if self._stage.needs_consent:
             self._require_consent()
         self._homings += 1
-        self._operator.tell(f"homing {self._stage}: it {self._stage.homing}")
-        with self._final():
-            self._stage.home()
-        self._failed = False
+        self.home()
 
     def _require_consent(self) -> None:
         stage = self._stage
@@ -111,7 +114,8 @@ class Motion:
         if not self._operator.ask(question, stage.interrupted):
             always = ' (stage.home = "at start" allows it for every start)' if stage.finds_reference else ""
             raise MotionError(
-                f"{why}: allow to home it, by starting again with --home{always}; it then {stage.homing}"
+                f"{why}: allow to home it, with `lidarboost stage home` or by starting again with "
+                f"--home{always}; it then {stage.homing}"
             )
 
     def _announce(self, poses: Sequence[Position]) -> None:

@@ -65,6 +65,15 @@ class Rig:
         """The configured calibration, else the camera's."""
         return self._calibration or self.camera.calibration
 
+    @property
+    def is_open(self) -> bool:
+        """Whether both are."""
+        return self.camera.is_open and self.stage.is_open
+
+    def beat(self) -> None:
+        """Count a sign of life."""
+        self.beats += 1
+
     def open(self) -> None:
         """Open and start both; nothing moves. Closes both when raising.
 
@@ -103,7 +112,7 @@ class Rig:
             self._close(self.stage)
         wait = _FIRST_WAIT
         while not stopping():
-            self.beats += 1
+            self.beat()
             try:
                 self._open()
             except DriverError as error:
@@ -134,15 +143,20 @@ class Rig:
             _log.warning("closing %s: %s", type(device).__name__, error)
 
     def apply(self, settings: CameraSettings) -> None:
-        """Put settings in force, now and after every re-opening; raises as the camera."""
-        self.camera.settings = settings
-        self.settings = settings
+        """Put settings in force, now and after every re-opening; raises as the camera, as it was then."""
+        before = self.camera.settings
+        try:
+            self.camera.settings = settings
+        except InitialisationError:
+            self.camera.settings = before  # it may have taken some of them
+            raise
+        self.settings = self.camera.settings
 
     def wait(self, seconds: float, stopping: Callable[[], bool]) -> None:
         """Let time pass, until `stopping` becomes true."""
         end = self.clock.now() + round(seconds * 1e9)
         while not stopping() and self.clock.now() < end:
-            self.beats += 1
+            self.beat()
             self.clock.sleep(min(0.1, (end - self.clock.now()) * 1e-9))
 
     def _check_shape(self) -> None:

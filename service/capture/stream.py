@@ -22,4 +22,5 @@ class CarriedFrames:
         self._grabber = grabber
 
     def take(self, number: int) -> Frame:  # noqa: ARG002
+        self._grabber.control.between_poses()
         return self._grabber.keep(self._grabber.grab_patiently())

@@ -10,6 +10,7 @@ import typer
 if TYPE_CHECKING:
     from service.config.sections import Configuration
     from service.daemon.daemon import Daemon
+    from service.fusion.local import LocalExecutor
     from service.messages.summary import RunSummary
     from service.signals import Stopping
 
@@ -84,11 +85,21 @@ def run(
     something not delivered; 130 one pass stopped before its first map.
     A daemon told to stop ends with 0.
     """
+    from service.cli.operator import with_consent
+    from service.config.file import load
+    from service.fusion.local import LocalExecutor
     from service.signals import stopping
 
     with stopping() as signals:
-        summary = _served(signals, config, replay, speed, loop, once, home, output, as_json)
+        _check(replay, speed, loop, once)
+        configuration = with_consent(load(config), home)
+        if replay is not None:
+            configuration = _playing(configuration, replay, speed or (None if once else 1.0), loop)
+        with LocalExecutor.configured(configuration) as executor:  # it starts while the rest is imported
+            summary = _served(configuration, executor, output, signals, home=home, once=once, quiet=as_json)
     if summary is None:
+        if once:
+            raise typer.Abort
         return
     if as_json:
         print(summary.model_dump_json(indent=2))
@@ -100,44 +111,38 @@ def run(
 
 
 def _served(
-    signals: "Stopping",
-    config: Path | None,
-    replay: Path | None,
-    speed: float | None,
-    loop: bool,
-    once: bool,
-    home: bool,
+    configuration: "Configuration",
+    executor: "LocalExecutor",
     output: Path | None,
-    as_json: bool,
+    signals: "Stopping",
+    *,
+    home: bool,
+    once: bool,
+    quiet: bool,
 ) -> "RunSummary | None":
-    """What was done; None where it was told to stop before there was anything to do."""
+    """Run the service; what it did, None where it was told to stop before it began."""
     from drivers.errors import MotionStoppedError
     from service.capture.rig import make_rig
-    from service.cli.operator import TerminalOperator, with_consent
+    from service.cli.operator import TerminalOperator
     from service.cli.progress import progress_sink
-    from service.config.file import load
     from service.daemon.logs import log_to_stream
     from service.daemon.run import run_service
 
-    _check(replay, speed, loop, once)
-    configuration = with_consent(load(config), home)
-    if replay is not None:
-        configuration = _playing(configuration, replay, speed or (None if once else 1.0), loop)
-    log_to_stream(logging.WARNING if once or as_json else logging.INFO)
-    rig = make_rig(configuration, operator=TerminalOperator(home, sees_log=not (once or as_json)))
-    sinks = {"progress": progress_sink()} if once and not as_json else {}
+    log_to_stream(logging.WARNING if once or quiet else logging.INFO)
+    rig = make_rig(configuration, operator=TerminalOperator(home, sees_log=not (once or quiet)))
+    sinks = {"progress": progress_sink()} if once and not quiet else {}
 
     def started(daemon: "Daemon") -> None:
         signals.stops(daemon.stop.set)
 
+    if signals.told:
+        return None
     try:
-        if not signals.told:
-            return run_service(configuration, rig, output=output, once=once, sinks=sinks, started=started)
+        return run_service(
+            configuration, rig, output=output, once=once, sinks=sinks, executor=executor, started=started
+        )
     except MotionStoppedError:  # while the stage was opened: there is nothing to sum up
-        pass
-    if once:
-        raise typer.Abort
-    return None
+        return None
 
 
 def _check(replay: Path | None, speed: float | None, loop: bool, once: bool) -> None:

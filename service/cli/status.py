@@ -1,6 +1,7 @@
 """`lidarboost status`: how a running service is doing."""
 
 from collections.abc import Iterator
+from datetime import datetime
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -35,7 +36,8 @@ def status(
 
 def _lines(told: "Status") -> Iterator[tuple[str, str]]:
     serial = f", serial {told.serial}" if told.serial else ""
-    yield "state", f"{told.state} for {told.seconds:.0f} s: {told.reason}"
+    paused = ", paused" if told.paused else ""
+    yield "state", f"{told.state}{paused} for {told.seconds:.0f} s: {told.reason}"
     yield "service", f"lidarboost {told.version}, up {told.uptime:.0f} s"
     yield "source", f"{told.source}: {told.model}{serial}" if told.source else "no camera"
     yield "frames", f"{told.totals.frames}, {told.rates.frames:.1f} per second"
@@ -45,12 +47,29 @@ def _lines(told: "Status") -> Iterator[tuple[str, str]]:
         f"{told.totals.fused} of {told.totals.bursts} bursts, {told.rates.fused:.2f} per second{latency}, "
         f"{told.fusion.backlog} waiting",
     )
+    if told.totals.unconverged or told.fusion.restarts:
+        yield (
+            "",
+            f"{told.totals.unconverged} not converged; the fusion was restarted {told.fusion.restarts} times",
+        )
+    used = told.in_force
+    yield (
+        "in force",
+        f"{used.method}, λ {used.regularization}, β {used.upsampling}, {used.frames} frames over "
+        f"{used.span:g} pixels, integration {used.integration_time * 1000:g} ms",
+    )
     drops = [f"{count} {cause}" for cause, count in told.drops.model_dump().items() if count]
     yield "dropped", ", ".join(drops) or "nothing"
     yield "recording", _recording(told)
     for fault in told.degraded:
         yield "degraded", f"{fault.what}, for {fault.seconds:.0f} s; {fault.remedy}"
-    yield "error", told.error or "none"
+    refused = [f"{count} {code}" for code, count in told.commands.refused.items()]
+    yield "commands", f"{told.commands.accepted} carried out, refused: {', '.join(refused) or 'none'}"
+    yield "error", "none" if told.error is None else f"{_clock(told.error.timestamp)} {told.error.what}"
+
+
+def _clock(timestamp: int) -> str:
+    return f"{datetime.fromtimestamp(timestamp / 1e9):%Y-%m-%d %H:%M:%S}"
 
 
 def _recording(told: "Status") -> str:

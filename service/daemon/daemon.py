@@ -2,20 +2,25 @@
 
 import logging
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
 from threading import Event as Flag
-from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
+from pydantic import BaseModel
 
 from drivers.frame import Frame
 from drivers.poses import camera_rotation
+from drivers.recording import Recording, RecordingHead
+from drivers.settings import Capabilities
+from service.capture.control import Control
 from service.capture.head import head_of
 from service.capture.loop import Grabber
 from service.capture.played import recording_of, truth_of
 from service.capture.rig import Rig
 from service.config.sections import Configuration
+from service.daemon.advance import Advance
+from service.daemon.agenda import Agenda
+from service.daemon.fusing import Fusing
 from service.daemon.heartbeat import Heartbeat
 from service.daemon.ledger import Ledger
 from service.daemon.logs import logged_events
@@ -23,20 +28,16 @@ from service.daemon.modes import Idle, Mode, Scanning, Streaming
 from service.daemon.monitor import Monitor
 from service.daemon.states import States
 from service.daemon.systemd import READY, STOPPING, notify
-from service.errors import MotionError, ServiceError
-from service.fusion.backlog import Backlog
-from service.fusion.job import Job
+from service.errors import InvalidStateError, IoFailureError, MotionError
 from service.fusion.local import LocalExecutor
-from service.messages.events import DevicesOpened, Event, FrameCaptured, FusionFailed, MapFused
-from service.messages.map import FusedMap
+from service.messages.events import DevicesOpened, Event, FrameCaptured, HeadChanged, ScanProgressed
+from service.messages.status import CommandCounts
 from service.sinks.bus import Bus
 
 _LAST_JOBS = 2.0
 """Seconds that the jobs in work get when the service is told to stop: it shall end within five."""
 
 _log = logging.getLogger(__name__)
-
-ModeName = Literal["idle", "scan", "stream"]
 
 
 class Daemon:
@@ -49,26 +50,34 @@ class Daemon:
         configuration: what to do.
         rig: the configured devices, closed.
         bus: takes the events.
+        executor: fuses; whoever made it closes it.
         once: one pass: a recording to its end, one burst of the plan, or one window of a stream. Nothing is
             dropped then: whoever is faster waits.
     """
 
-    def __init__(self, configuration: Configuration, rig: Rig, bus: Bus, *, once: bool = False) -> None:
-        self.configuration, self.rig, self.once = configuration, rig, once
+    def __init__(
+        self,
+        configuration: Configuration,
+        rig: Rig,
+        bus: Bus,
+        executor: LocalExecutor,
+        *,
+        once: bool = False,
+    ) -> None:
+        self.configuration, self.rig, self.bus, self.once = configuration, rig, bus, once
         self.stop = Flag()
-        self._changing = Flag()
+        self.control, self.agenda = Control(self.stop), Agenda()
+        self.control.beat = rig.beat
         self.ledger = Ledger()
         self.states = States(self.emit)
-        self._bus = bus
-        self._wanted: ModeName = configuration.start
-        self._streams = 0
-        self._grid_moved = False
-        self.grabber = Grabber(rig, configuration.camera.timeout, self.stop, self._captured)
-        self._executor = LocalExecutor(
-            configuration.fusion, configuration.stream.window if configuration.start == "stream" else None
-        )
-        self.backlog = Backlog(self._executor, self._fused, self._failed, lossless=once)
-        self._truth: NDArray[np.float32] | None = None
+        self.camera: Capabilities | None = None
+        self.recording: Recording | None = None
+        self.next_burst = 0
+        self.grabber = Grabber(rig, configuration.camera.timeout, self.control, self._captured)
+        self.fusing = Fusing(executor, self.emit, lossless=once)
+        self._advance = Advance(lambda: self.planned, lambda: self.fusing.backlog.unfinished)
+        self.mode: Mode | None = None
+        self.command_counts: Callable[[], CommandCounts] = CommandCounts
 
     @property
     def carries_pose(self) -> bool:
@@ -83,23 +92,61 @@ class Daemon:
         return None if self.recording is None else self.recording.planned
 
     @property
-    def fusion_pid(self) -> int | None:
-        """Of the process that fuses."""
-        return self._executor.pid
+    def ending(self) -> bool:
+        """Whether the mode at work shall end, between two bursts or frames."""
+        return self.stop.is_set() or self.agenda.next is not None
 
     def emit(self, event: Event) -> None:
         """Note an event and hand it to the sinks."""
         self.ledger.note(event)
-        self._bus.emit(event)
+        self.bus.emit(event)
+        if (progress := self._advance.after(event)) is not None:
+            self.bus.emit(ScanProgressed(progress))
 
-    def request(self, mode: ModeName) -> None:
-        """Ask for another mode; it begins after the burst, or the frame, at work."""
-        self._wanted = mode
-        self._changing.set()
+    def rest(self) -> None:
+        """Be idle after the burst, or the frame, at work; for any thread."""
+        self.agenda.ask(Idle(self))
+        self.control.inbox.wake()
+
+    def begin(self, mode: Mode) -> "Future[None]":
+        """Have a mode begin next; for the thread that owns the devices. Done when it has begun.
+
+        Raises:
+            DriverError, ServiceError: it cannot be made ready; what was at work goes on.
+        """
+        mode.prepare()
+        return self.agenda.ask(mode)
+
+    def reconfigure(self, **sections: BaseModel) -> None:
+        """Put other sections of the configuration in force; for the thread that owns the devices.
+
+        Raises:
+            PlanError: a plan out of reach; nothing has changed.
+        """
+        before = self.configuration
+        self.configuration = before.model_copy(update=sections)
+        try:
+            self.renew()
+        except BaseException:
+            self.configuration = before
+            raise
+
+    def renew(self) -> None:
+        """Have the mode at work, or the next, begin anew with what is configured now; raises as `begin`."""
+        following = self.agenda.next
+        mode = following if following is not None else self.mode
+        fresh = Scanning(self) if mode is None or isinstance(mode, Idle) else mode.anew()
+        fresh.prepare()  # a plan is looked at also where nothing is scanned
+        if following is not None and not isinstance(following, Idle):
+            self.agenda.replace(fresh)
+        elif following is None and not isinstance(mode, Idle):
+            self.agenda.ask(fresh)
+        self._find_truth()
+        self.emit(HeadChanged(self._head()))
 
     def close(self) -> None:
         """End the process that fuses, whatever it does."""
-        self._executor.close()
+        self.fusing.close()
 
     def run(self) -> None:
         """Work until a recording ends, one pass is done, or `stop` is set.
@@ -110,12 +157,13 @@ class Daemon:
         """
         with ExitStack() as stack:
             stack.callback(self.close)
+            stack.callback(self._refuse_all)
             stack.enter_context(self._open_rig())
             self.camera = self.rig.camera.capabilities
             self.recording = recording_of(self.rig.camera)
-            self._truth = truth_of(self.rig.camera, self.configuration.fusion.upsampling)
-            monitor = Monitor(self.rig, self.grabber.counts, self, self._executor, self._bus)
-            mode = self._mode()
+            self._find_truth()
+            monitor = Monitor(self.rig, self.grabber.counts, self, self.fusing.executor, self.bus)
+            mode = self._first_mode()
             # Neither status nor log may come once the sinks are closed.
             with logged_events(self.emit), Heartbeat(monitor.beat):
                 self._announce()
@@ -126,77 +174,84 @@ class Daemon:
                 self._finish()
 
     def _work(self, mode: Mode) -> None:
-        """One mode after the other, as they are asked for."""
+        """One mode after the other, as they are asked for; raises what one that was not asked for raises."""
+        entered: Future[None] = Future()
         while not self.stop.is_set():
-            self.states.enter(mode.state, mode.reason)
-            try:
-                mode.run(self._ending)
-            except MotionError as error:
-                if self.once:
-                    raise
-                mode = self._standing_still(error)
-                continue
-            if not self._changing.is_set():
+            self.mode = mode
+            self.control.renew()
+            if self.rig.is_open:
+                self.states.enter(mode.state, mode.reason)
+            entered.set_result(None)
+            following = self._after(mode)
+            if following is None:
                 return
-            self._changing.clear()
+            mode, entered = following
+
+    def _after(self, mode: Mode) -> "tuple[Mode, Future[None]] | None":
+        """Work in a mode until it ends; what follows it."""
+        try:
+            mode.run()
+        except MotionError as error:
+            if self.once:
+                raise
+            self.agenda.give_up(IoFailureError(str(error)))
+            return self._standing_still(error), Future()
+        following = self.agenda.take()
+        if following is None and self.control.halted and not self.stop.is_set():
+            following = Idle(self), Future()
+        if following is None or following[0].state != "scanning":
+            self.agenda.give_up(InvalidStateError("the scan ended before its turn came"))
+        if following is not None and following[0].state != "idle":
             self.states.mend("stage")
-            mode = self._mode()
-            mode.prepare()
+        return following
 
     def _standing_still(self, error: MotionError) -> Mode:
         """Nothing moves any more: what made the stage unsafe needs a person, who starts it again."""
         _log.error("%s", error)
         self.grabber.counts.error = str(error)
         self.states.degrade("stage", str(error), "look at the stage, then start again")
-        return Idle(self.rig, str(error))
+        return Idle(self, str(error))
 
-    def _ending(self) -> bool:
-        return self.stop.is_set() or self._changing.is_set()
+    def _first_mode(self) -> Mode:
+        first = self.configuration.start
+        if first == "idle":
+            return Idle(self)
+        resumes = self.configuration.recording.enabled and not self.once
+        return Streaming(self) if first == "stream" else Scanning(self, resumes=resumes)
 
-    def _mode(self) -> Mode:
-        if self._wanted == "idle":
-            return Idle(self.rig)
-        if self._wanted == "stream":
-            self._streams += 1
-            return Streaming(self, self._streams)
-        return Scanning(self)
+    def _refuse_all(self) -> None:
+        """Nobody serves any more: say so to all who wait, and to all who come."""
+        self.control.inbox.close("the service ends")
+        self.agenda.close("the service ends")
 
     def _announce(self) -> None:
-        known, recording = self.camera, self.recording
-        settings = self.configuration
-        expected = settings.stream.window if self._wanted == "stream" else settings.fusion.frames
+        known, recording = self.rig.camera.capabilities, self.recording
+        settings, calibration = self.configuration, self.rig.calibration
+        expected = settings.stream.window if settings.start == "stream" else settings.fusion.frames
         frames = recording.frame_count if recording is not None else expected if self.once else None
-        calibration = self.rig.calibration
-        self.emit(
-            DevicesOpened(
-                model=known.model,
-                source=known.source,
-                calibration=calibration,
-                frames=frames,
-                timestamp=self.rig.clock.now(),
-                head=head_of(settings, self.rig, self._truth, self.planned),
-            )
-        )
+        now = self.rig.clock.now()
+        self.emit(DevicesOpened(known.model, known.source, calibration, frames, now, self._head()))
         camera_rotation(0.0, 0.0, calibration.mount)  # imports a good part of SciPy, once, before frames come
 
+    def _head(self) -> RecordingHead:
+        return head_of(self.configuration, self.rig, self.fusing.truth, self.planned)
+
+    def _find_truth(self) -> None:
+        upsampling, truth = self.configuration.fusion.upsampling, self.fusing.truth
+        if truth is None or truth.shape[0] != upsampling * self.rig.calibration.height:
+            self.fusing.truth = truth_of(self.rig.camera, upsampling)
+
     def _wait_ready(self) -> None:
-        """Wait until the kernels are compiled; raises `WorkerError` where the fusion was given up."""
-        while not self.stop.is_set():
-            self.states.enter("starting", f"the fusion {self._executor.progress}")
-            try:
-                self._executor.ready.result(timeout=0.2)
-                return
-            except TimeoutError:
-                continue
+        for progress in self.fusing.waiting(self.stop):
+            self.states.enter("starting", f"the fusion {progress}")
 
     def _finish(self) -> None:
-        self.states.enter("stopping", "told to stop" if self.stop.is_set() else "all is captured")
+        told = self.stop.is_set()
+        self.states.enter("stopping", "told to stop" if told else "all is captured")
         notify(STOPPING)
-        if not self.backlog.drain(_LAST_JOBS if self.stop.is_set() else None):
-            self.backlog.clear()
-        if self.ledger.fused == 0 and not self.stop.is_set():
-            why = self.ledger.failures[-1] if self.ledger.failures else "there was none"
-            raise ServiceError(f"no burst could be fused: {why}")
+        self.fusing.finish(_LAST_JOBS if told else None)
+        if not told:
+            self.fusing.require_map(self.ledger.failures)
 
     @contextmanager
     def _open_rig(self) -> Iterator[None]:
@@ -206,25 +261,5 @@ class Daemon:
         finally:
             self.rig.close()
 
-    def recovering(self, mode: Mode) -> Callable[[str | None], None]:
-        """Told of a device that is lost, and of its return."""
-
-        def tell(reason: str | None) -> None:
-            if reason is None:
-                self.states.enter(mode.state, mode.reason)
-            else:
-                self.states.enter("recovering", reason)
-
-        return tell
-
     def _captured(self, frame: Frame) -> None:
         self.emit(FrameCaptured(frame, self.rig.calibration.mount))
-
-    def _fused(self, result: FusedMap) -> None:
-        # The truth is that of the first view: a stream whose grid has moved has none.
-        self._grid_moved = self._grid_moved or bool(result.report.notes)
-        self.emit(MapFused(result, None if self._grid_moved else self._truth))
-
-    def _failed(self, job: Job, error: Exception) -> None:
-        _log.error("number %d could not be fused: %s", job.number, error)
-        self.emit(FusionFailed(job.number, str(error)))

@@ -10,7 +10,7 @@ from service.capture.rig import Rig
 from service.daemon.systemd import WATCHDOG, notify
 from service.fusion.executor import Executor
 from service.messages.events import StatusTold
-from service.messages.status import Drops, Rates, Status, Totals
+from service.messages.status import Drops, InForce, LastError, Rates, Status, Totals
 from service.sinks.bus import Bus
 from service.sinks.recorder import Recorder
 from service.versions import software_version
@@ -38,6 +38,7 @@ class Monitor:
         self._camera = rig.camera.capabilities  # kept: a lost camera cannot be asked
         self._began = time.monotonic()
         self._seen = -1
+        self._error: LastError | None = None
 
     def beat(self) -> None:
         """Look after the sinks, tell the status, feed the watchdog."""
@@ -58,6 +59,7 @@ class Monitor:
             version=software_version(),
             state=states.state,
             reason=states.reason,
+            paused=daemon.control.paused,
             seconds=states.seconds,
             degraded=states.degraded,
             source=self._camera.source,
@@ -75,8 +77,8 @@ class Monitor:
                 camera=self._capture.dropped,
                 stale=self._capture.stale,
                 faults=self._capture.faults,
-                bursts=self._capture.interrupted + daemon.backlog.dropped,
-                skipped=daemon.backlog.skipped,
+                bursts=self._capture.interrupted + daemon.fusing.backlog.dropped,
+                skipped=daemon.fusing.backlog.skipped,
                 fusions=ledger.failed,
                 published=lost.get("publisher", 0),
                 recorded=lost.get("recorder", 0),
@@ -85,8 +87,29 @@ class Monitor:
             latency=ledger.latency,
             recorder=recorder.state if isinstance(recorder, Recorder) else None,
             sinks=sinks,
-            error=self._capture.error or fusion.error,
+            commands=daemon.command_counts(),
+            in_force=self._in_force(),
+            error=self._last_error(self._capture.error or fusion.error),
         )
+
+    def _in_force(self) -> InForce:
+        settings = self._daemon.configuration
+        return InForce(
+            method=settings.fusion.method,
+            upsampling=settings.fusion.upsampling,
+            regularization=settings.fusion.regularization,
+            frames=settings.fusion.frames,
+            window=settings.stream.window,
+            span=settings.plan.span,
+            integration_time=self._rig.camera.settings.integration_time,
+        )
+
+    def _last_error(self, what: str | None) -> LastError | None:
+        if not what:
+            self._error = None
+        elif self._error is None or self._error.what != what:
+            self._error = LastError(what=what, timestamp=self._rig.clock.now())
+        return self._error
 
     def _judge_sinks(self) -> None:
         for sink in self._bus.states:

@@ -8,8 +8,10 @@ from pathlib import Path
 
 from service.capture.rig import Rig
 from service.config.sections import Configuration
+from service.daemon.commanded import commanded
 from service.daemon.daemon import Daemon
 from service.files import made_directory
+from service.fusion.local import LocalExecutor
 from service.messages.summary import BurstSummary, RunSummary
 from service.sinks.bus import Bus
 from service.sinks.configured import configured_sinks
@@ -37,6 +39,7 @@ def run_service(
     output: Path | None = None,
     once: bool = False,
     sinks: SinkMakers | None = None,
+    executor: LocalExecutor | None = None,
     started: Callable[[Daemon], None] = lambda _: None,
 ) -> RunSummary:
     """Run the service until it is over, and hand everything over.
@@ -47,6 +50,7 @@ def run_service(
         output: directory for `fused.mcap` and pictures, or None.
         once: one pass, in which nothing is dropped.
         sinks: more that take the events, by name.
+        executor: fuses; None = one of its own, which is closed in the end.
         started: called with the daemon before it runs, so that it can be stopped.
 
     Raises:
@@ -60,18 +64,20 @@ def run_service(
     summaries: deque[BurstSummary] = deque(maxlen=1000)
     makers = {**configured_sinks(configuration.sinks), **(sinks or {})}
     with ExitStack() as stack:
+        if executor is None:
+            executor = stack.enter_context(LocalExecutor.configured(configuration))
         session = stack.enter_context(open_session(file=configuration.zenoh.config))
         if output is not None:
             stack.enter_context(made_directory(output))
         bus = stack.enter_context(Bus(lossless=once))
-        daemon = Daemon(configuration, rig, bus, once=once)
-        stack.callback(daemon.close)
+        daemon = Daemon(configuration, rig, bus, executor, once=once)
         bus.add("summaries", lambda: Summaries(summaries))
         bus.add("publisher", lambda: Publisher(session, configuration.zenoh.prefix, lossless=once))
         if configuration.recording.enabled:
             bus.add("recorder", lambda: recorder_of(configuration), must_open=False)
         for name, make in (*_outputs(configuration, output, once).items(), *makers.items()):
             bus.add(name, make)
+        stack.enter_context(commanded(daemon, session))
         started(daemon)
         daemon.run()
         if once and daemon.stop.is_set() and daemon.ledger.fused == 0:
@@ -98,7 +104,7 @@ def _outputs(configuration: Configuration, output: Path | None, once: bool) -> d
         "fused file": lambda: Recorder(FileSeries(output / FUSED_FILE, section.rotate_size, budget))
     }
     if section.preview:
-        made["pictures"] = lambda: Pictures(output, keep=None if once else section.pictures)
+        made["pictures"] = lambda: Pictures(output, keep=None if once else section.pictures, lossless=once)
     return made
 
 
@@ -106,6 +112,7 @@ def _summary(
     daemon: Daemon, bus: Bus, summaries: deque[BurstSummary], published: int, seconds: float
 ) -> RunSummary:
     known, counts = daemon.camera, daemon.grabber.counts
+    assert known is not None
     return RunSummary(
         source=known.source,
         model=known.model,
@@ -126,8 +133,10 @@ def _lost(daemon: Daemon, bus: Bus) -> list[str]:
     recording = daemon.recording
     said = [f"{recording.path}: {recording.damage}"] if recording is not None and recording.damage else []
     said += daemon.ledger.failures
-    if daemon.backlog.dropped:
-        said.append(f"{daemon.backlog.dropped} bursts not fused: the fusion was slower than the capture")
-    if daemon.grabber.counts.dropped and not daemon.camera.carries_pose:
+    if daemon.fusing.backlog.dropped:
+        said.append(
+            f"{daemon.fusing.backlog.dropped} bursts not fused: the fusion was slower than the capture"
+        )
+    if daemon.grabber.counts.dropped and not (daemon.camera and daemon.camera.carries_pose):
         said.append(f"{daemon.grabber.counts.dropped} frames dropped by the camera")
     return said + bus.losses

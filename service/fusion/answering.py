@@ -3,52 +3,17 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 import numpy as np
 
 from drivers.calibration import Calibration, Intrinsics
 from drivers.frame import Frame
-from service.config.sections import FusionSection
 from service.fusion.fuse import fuse_burst
-from service.fusion.job import BurstJob, FrameJob, Job
+from service.fusion.job import Answer, BurstJob, Compiling, Failure, FrameJob, Job, Ready, WarmUp
 from service.fusion.streams import Stream
 from service.messages.burst import Burst
-from service.messages.map import FusedMap
 from service.processes.worker import tell
 from solver.errors import FusionError
-
-
-@dataclass(frozen=True, slots=True)
-class WarmUp:
-    """Have the kernels ready that these settings need, and those of a stream of that window."""
-
-    settings: FusionSection
-    window: int | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Ready:
-    """They are, after so many seconds."""
-
-    seconds: float
-
-
-@dataclass(frozen=True, slots=True)
-class Compiling:
-    """How many kernels were compiled so far, none of which lay on the disk."""
-
-    kernels: int
-
-
-@dataclass(frozen=True, slots=True)
-class Failure:
-    """A job that could not be done, and why."""
-
-    reason: str
-
-
-Answer = FusedMap | Ready | Failure
 
 
 def answering() -> Callable[[Job | WarmUp], Answer]:

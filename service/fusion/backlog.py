@@ -5,9 +5,12 @@ from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from threading import Condition
 
+from service.errors import WorkerError
 from service.fusion.executor import Executor
-from service.fusion.job import FrameJob, Job
+from service.fusion.job import BurstJob, FrameJob, Job
 from service.messages.map import FusedMap
+
+Done = Callable[[FusedMap | Exception], None]
 
 _log = logging.getLogger(__name__)
 
@@ -32,14 +35,26 @@ class Backlog:
     ) -> None:
         self._executor, self._on_fused, self._on_failed = executor, on_fused, on_failed
         self._lossless = lossless
-        self._unfinished: dict[Future[FusedMap], Job] = {}
+        self._unfinished: dict[Future[FusedMap], tuple[Job, Done | None]] = {}
         self._changed = Condition()
         self.fused = self.failed = self.dropped = self.skipped = 0
 
-    def put(self, job: Job, room: int, stopping: Callable[[], bool] = lambda: False) -> None:
-        """Hand a job over; at most `room` jobs wait then.
+    def put(
+        self,
+        job: Job,
+        room: int,
+        stopping: Callable[[], bool] = lambda: False,
+        done: Done | None = None,
+    ) -> None:
+        """Hand a job over; at most `room` jobs wait then, beside those whose map somebody waits for.
 
         Bursts that give way are counted as `dropped`, frames of a stream as `skipped`.
+
+        Args:
+            job: to be done.
+            room: jobs that may wait.
+            stopping: ends the wait for room.
+            done: told the map, after `on_fused`, or why there is none.
         """
         with self._changed:
             while self._lossless and self._waiting() >= room and not stopping():
@@ -48,8 +63,13 @@ class Backlog:
             pass
         future = self._executor.submit(job)
         with self._changed:
-            self._unfinished[future] = job
+            self._unfinished[future] = job, done
         future.add_done_callback(self._finish)
+
+    @property
+    def unfinished(self) -> int:
+        """Jobs that wait or are at work."""
+        return len(self._unfinished)
 
     def drain(self, timeout: float | None = None) -> bool:
         """Wait until every job is done; False where time ran out."""
@@ -64,8 +84,8 @@ class Backlog:
         return sum(not future.running() and not future.done() for future in list(self._unfinished))
 
     def _drop_oldest(self) -> bool:
-        for future, job in list(self._unfinished.items()):
-            if future.cancel():
+        for future, (job, _) in list(self._unfinished.items()):
+            if not _is_awaited(job) and future.cancel():
                 if isinstance(job, FrameJob):
                     self.skipped += 1
                 else:
@@ -76,22 +96,28 @@ class Backlog:
 
     def _finish(self, future: "Future[FusedMap]") -> None:
         with self._changed:
-            job = self._unfinished[future]
+            job, done = self._unfinished[future]
         try:
-            self._tell(job, future)
+            self._tell(job, future, done if done is not None else lambda _: None)
         finally:
             with self._changed:
                 del self._unfinished[future]
                 self._changed.notify_all()
 
-    def _tell(self, job: Job, future: "Future[FusedMap]") -> None:
+    def _tell(self, job: Job, future: "Future[FusedMap]", done: Done) -> None:
         try:
             result = future.result()
         except CancelledError:
-            return
+            done(WorkerError("the service ended before its map was fused"))
         except Exception as error:
             self.failed += 1
             self._on_failed(job, error)
+            done(error)
         else:
             self.fused += 1
             self._on_fused(result)
+            done(result)
+
+
+def _is_awaited(job: Job) -> bool:
+    return isinstance(job, BurstJob) and job.awaited

@@ -15,10 +15,9 @@ a machine that is busy with something else makes a job some times as long."""
 
 
 class Deadline:
-    """Adapts to what is usual; never beyond `limit` seconds."""
+    """Adapts to what is usual; never beyond what the job's settings allow."""
 
-    def __init__(self, limit: float) -> None:
-        self._limit = limit
+    def __init__(self) -> None:
         self._seen: defaultdict[tuple[object, ...], deque[float]] = defaultdict(
             lambda: deque(maxlen=_REMEMBERED)
         )
@@ -27,8 +26,8 @@ class Deadline:
         """Seconds that a job may take."""
         seen = self._seen[_kind(job)]
         if len(seen) < _FEWEST:
-            return self._limit
-        return min(self._limit, max(_FLOOR, _TIMES * max(seen)))
+            return job.settings.timeout
+        return min(job.settings.timeout, max(_FLOOR, _TIMES * max(seen)))
 
     def learn(self, job: Job, seconds: float) -> None:
         """A job took so long."""

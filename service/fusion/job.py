@@ -1,4 +1,4 @@
-"""What is given to an executor: frames, and how to fuse them."""
+"""What is given to an executor and its process, and what comes back."""
 
 import time
 from dataclasses import dataclass, field
@@ -7,14 +7,16 @@ from drivers.calibration import Calibration
 from drivers.frame import Frame
 from service.config.sections import FusionSection
 from service.messages.burst import Burst
+from service.messages.map import FusedMap
 
 
 @dataclass(frozen=True, slots=True)
 class BurstJob:
-    """Fuse a burst."""
+    """Fuse a burst; one whose map somebody waits for is never dropped."""
 
     burst: Burst
     settings: FusionSection
+    awaited: bool = False
 
     @property
     def number(self) -> int:
@@ -51,3 +53,35 @@ class FrameJob:
 
 
 Job = BurstJob | FrameJob
+
+
+@dataclass(frozen=True, slots=True)
+class WarmUp:
+    """Have the kernels ready that these settings need, and those of a stream of that window."""
+
+    settings: FusionSection
+    window: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Ready:
+    """They are, after so many seconds."""
+
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Compiling:
+    """How many kernels were compiled so far, none of which lay on the disk."""
+
+    kernels: int
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A job that could not be done, and why."""
+
+    reason: str
+
+
+Answer = FusedMap | Ready | Failure

@@ -6,12 +6,12 @@ from collections import deque
 from concurrent.futures import Future
 from dataclasses import replace
 from threading import Condition, Thread
+from typing import Self
 
-from service.config.sections import FusionSection
+from service.config.sections import Configuration, FusionSection
 from service.errors import HungError, WorkerError
-from service.fusion.answering import Answer, Compiling, Failure, Ready, WarmUp
 from service.fusion.deadline import Deadline
-from service.fusion.job import Job
+from service.fusion.job import Answer, Compiling, Failure, Job, Ready, WarmUp
 from service.messages.map import FusedMap
 from service.messages.status import FusionState
 from service.processes.worker import Worker
@@ -44,7 +44,7 @@ class LocalExecutor:
         self._worker = Worker(
             "fusion process", "service.fusion.answering:answering", cancelled=lambda: self._closing
         )
-        self._deadline = Deadline(settings.timeout)
+        self._deadline = Deadline()
         self._jobs: deque[tuple[Job, Future[FusedMap]]] = deque()
         self._changed = Condition()
         self._restarts = self._hung = 0
@@ -57,6 +57,18 @@ class LocalExecutor:
         """Seconds that it took until the kernels were ready; raises `WorkerError` where it was given up."""
         self._thread = Thread(target=self._run, name="fusion", daemon=True)
         self._thread.start()
+
+    @classmethod
+    def configured(cls, configuration: Configuration) -> Self:
+        """One that is ready for what the service does first."""
+        window = configuration.stream.window if configuration.start == "stream" else None
+        return cls(configuration.fusion, window)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def submit(self, job: Job) -> "Future[FusedMap]":
         """Queue a job."""
@@ -87,10 +99,10 @@ class LocalExecutor:
             future.cancel()
 
     def _run(self) -> None:
-        fatal = None
+        fatal: Exception | None = None
         try:
             self.ready.set_result(self._start())
-        except WorkerError as error:
+        except Exception as error:  # whatever it is, whoever waits must hear of it
             fatal = error
             self.ready.set_exception(error)
         while (item := self._next()) is not None:
@@ -98,7 +110,7 @@ class LocalExecutor:
             if future.set_running_or_notify_cancel():
                 try:
                     future.set_result(self._done(job, fatal))
-                except (FusionError, WorkerError) as error:
+                except Exception as error:
                     future.set_exception(error)
         self._worker.kill()
 
@@ -107,7 +119,7 @@ class LocalExecutor:
             self._changed.wait_for(lambda: self._closing or bool(self._jobs))
             return None if self._closing else self._jobs.popleft()
 
-    def _done(self, job: Job, fatal: WorkerError | None) -> FusedMap:
+    def _done(self, job: Job, fatal: Exception | None) -> FusedMap:
         """A job's map; tried once more where the process died or hung over it."""
         if fatal is not None:
             raise fatal
@@ -118,7 +130,7 @@ class LocalExecutor:
         except WorkerError as error:
             self._renew(job, error)
         try:
-            return self._asked(job, self._settings.timeout)
+            return self._asked(job, job.settings.timeout)
         except WorkerError as error:
             self._renew(job, error)
             raise
@@ -129,6 +141,7 @@ class LocalExecutor:
         if isinstance(answer, Failure):
             raise FusionError(answer.reason)
         assert isinstance(answer, FusedMap)
+        self._error = None
         self._deadline.learn(job, time.monotonic() - began)
         latency = time.monotonic() - job.completed
         return replace(answer, report=answer.report.model_copy(update={"latency": latency}))
@@ -167,7 +180,9 @@ class LocalExecutor:
             if isinstance(answer, Failure):
                 self._worker.kill()
                 raise WorkerError(f"the fusion cannot work as configured: {answer.reason}")
-            assert isinstance(answer, Ready)
+            if not isinstance(answer, Ready):
+                self._worker.kill()
+                raise WorkerError("the fusion process answers as another version would: install it anew")
             _log.info("fusion ready after %.1f s", answer.seconds)
             return answer.seconds
         raise AssertionError("unreachable")

@@ -12,12 +12,18 @@ from numpy.typing import NDArray
 from service.errors import ConfigurationError
 from service.files import whole_file
 from service.jobs.ply import write_ply
-from service.messages.decoding import Received
+from service.messages.decoding import Received, read
+from service.messages.report import BurstReport
+from service.messages.summary import BurstSummary
+from service.messages.summary import describe as describe_burst
+from service.messages.topics import FUSED_REPORT
 
 
 def summarize(received: Received) -> str:
     """One line."""
     value = received.value
+    if received.topic == FUSED_REPORT:
+        return describe_burst(BurstSummary(report=read(BurstReport, received), errors=None))
     if not isinstance(value, np.ndarray):
         return f"{received.topic} {_compact(plain(received))}"
     if value.dtype.names:

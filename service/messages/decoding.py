@@ -95,7 +95,7 @@ def _decode_json(topic: str, payload: bytes) -> Received:
 
 
 def _decode_protobuf(topic: str, schema: str, payload: bytes) -> Received:
-    message: Any = _message_class(schema)()
+    message: Any = message_class(schema)()
     message.ParseFromString(payload)
     timestamp = _time(message.timestamp.ToNanoseconds())
     if schema == "foxglove.RawImage":
@@ -112,7 +112,7 @@ def _time(told: Any) -> int | None:
 
 
 @cache
-def _message_class(schema: str) -> type[Protobuf]:
+def message_class(schema: str) -> type[Protobuf]:
     package, _, name = schema.partition(".")
     if package != "foxglove" or not name.isidentifier():
         raise ValueError(f"unknown schema {schema!r}")

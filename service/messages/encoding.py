@@ -28,6 +28,7 @@ from service.messages.events import (
     FrameCaptured,
     Logged,
     MapFused,
+    ScanProgressed,
     StatusTold,
 )
 from service.messages.map import FusedMap
@@ -39,6 +40,7 @@ from service.messages.topics import (
     FUSED_POINTS,
     FUSED_REPORT,
     LOG,
+    SCAN_PROGRESS,
     STATUS,
 )
 from solver.geometry import depth_from_distance, points_from_distance
@@ -86,6 +88,11 @@ def _(event: BurstCaptured) -> list[Message]:
 @_messages.register
 def _(event: MapFused) -> list[Message]:
     return fused_messages(event.map)
+
+
+@_messages.register
+def _(event: ScanProgressed) -> list[Message]:
+    return [json_message(SCAN_PROGRESS, event.progress, event.progress.timestamp)]
 
 
 @_messages.register

@@ -14,6 +14,7 @@ from drivers.frame import Frame
 from drivers.recording import RecordingHead
 from service.messages.burst import Burst
 from service.messages.map import FusedMap
+from service.messages.progress import ScanProgress
 from service.messages.status import State, Status
 
 T = TypeVar("T")
@@ -89,6 +90,14 @@ class FrameCaptured(Event):
 
 
 @dataclass(frozen=True, eq=False)
+class ScanProgressed(Event):
+    """Another pose of a burst was captured, or its map is there."""
+
+    progress: ScanProgress
+    patient: ClassVar[bool] = False
+
+
+@dataclass(frozen=True, eq=False)
 class BurstCaptured(Event):
     """A burst is complete; it is the `number`-th (from 1)."""
 
@@ -139,3 +148,28 @@ class Logged(Event):
 
     record: logging.LogRecord
     patient: ClassVar[bool] = False
+
+
+@dataclass(frozen=True, eq=False)
+class Commanded(Event):
+    """Somebody had something done: who, when (ns since the epoch), by which command, with which arguments."""
+
+    who: str
+    timestamp: int
+    command: str
+    arguments: dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class HeadChanged(Event):
+    """What a recording begins with is another now."""
+
+    head: RecordingHead
+    lasting: ClassVar[bool] = True
+
+
+@dataclass(frozen=True, eq=False)
+class Delivery(Event):
+    """An answer that goes out behind everything that was published before it."""
+
+    deliver: Callable[[], None]

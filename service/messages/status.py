@@ -59,7 +59,7 @@ class FusionState(_Part):
     backlog: int = Field(0, ge=0, description="Bursts, or frames of a stream, that wait.")
     restarts: int = Field(0, ge=0, description="Times that the process had to be started again.")
     hung: int = Field(0, ge=0, description="Times among them that it did not answer in time.")
-    error: str | None = Field(None, description="Its last fault; none = none.")
+    error: str | None = Field(None, description="Its last fault; none = none, or maps have come since.")
 
 
 class RecorderState(_Part):
@@ -89,6 +89,32 @@ class SinkState(_Part):
     error: str | None = Field(None, description="Why it does not run, or its last fault; none = none.")
 
 
+class CommandCounts(_Part):
+    """What was asked of the service."""
+
+    accepted: int = Field(0, ge=0, description="Commands carried out.")
+    refused: dict[str, int] = Field({}, description="Commands refused, by code.")
+
+
+class LastError(_Part):
+    """What went wrong last; gone once it is over."""
+
+    what: str = Field("", description="In words.")
+    timestamp: int = Field(0, description="When it was seen, ns since the epoch.")
+
+
+class InForce(_Part):
+    """What the next burst is captured and fused with."""
+
+    method: str = Field("unknown", description="Of the fusion.")
+    upsampling: int = Field(0, ge=0, description="β.")
+    regularization: float | str = Field("unknown", description="λ, or `auto`.")
+    frames: int = Field(0, ge=0, description="Of a burst.")
+    window: int = Field(0, ge=0, description="Frames of a stream that are fused together.")
+    span: float = Field(0.0, ge=0, description="Width of the field of poses, low-resolution pixels.")
+    integration_time: float = Field(0.0, ge=0, description="Seconds per phase sample.")
+
+
 class Status(_Part):
     """How the service is doing; once a second."""
 
@@ -96,7 +122,8 @@ class Status(_Part):
     version: str = Field("unknown", description="Version of the software.")
     state: State | str = Field("unknown", description="What it is doing.")
     reason: str = Field("", description="Why it is in that state.")
-    seconds: float = Field(0.0, ge=0, description="For how long it has been.")
+    paused: bool = Field(False, description="Whether it stands still between two poses.")
+    seconds: float = Field(0.0, ge=0, description="For how long it has been in that state.")
     degraded: tuple[Degraded, ...] = Field((), description="What does not work meanwhile.")
     source: Source | str | None = Field(
         None, description="Where frames come from; none while there is no camera."
@@ -113,6 +140,8 @@ class Status(_Part):
     )
     recorder: RecorderState | None = Field(None, description="What is recorded; none = no recorder.")
     sinks: tuple[SinkState, ...] = Field((), description="Who takes the events, and how that goes.")
-    error: str | None = Field(
-        None, description="The last error of capture or fusion; none = all well so far."
+    commands: CommandCounts = CommandCounts()
+    in_force: InForce = InForce()
+    error: LastError | None = Field(
+        None, description="The last error of capture or fusion; none = there is none, or it is over."
     )

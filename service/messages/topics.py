@@ -20,6 +20,7 @@ FUSED_AMPLITUDE = "fused/amplitude"
 FUSED_CALIBRATION = "fused/calibration"
 FUSED_POINTS = "fused/points"
 FUSED_REPORT = "fused/report"
+SCAN_PROGRESS = "scan/progress"
 STATUS = "status"
 LOG = "log"
 ALIVE = "alive"
@@ -42,12 +43,13 @@ class Topic:
 
     Attributes:
         name: without prefix or leading slash.
-        schema: name of the schema; for commands, what goes in and out.
+        schema: name of the schema.
         rate: how often, in words.
         recorded: whether a running recorder writes it.
         congestion: what becomes of it on a full link.
         latest: late subscribers and `get` receive the last value.
         description: what it is.
+        unit: of its values.
     """
 
     name: str
@@ -57,6 +59,7 @@ class Topic:
     congestion: Congestion
     latest: bool
     description: str
+    unit: str = "–"
 
 
 _DROP, _BLOCK, _NONE = Congestion.DROP, Congestion.BLOCK, Congestion.NONE
@@ -70,9 +73,17 @@ _ROWS = (
         _DROP,
         False,
         "16UC1, radial counts; metres = counts · ambiguity range (`camera/frame`) / 65536, 0 = rejected",
+        unit="counts",
     ),
     Topic(
-        CAMERA_AMPLITUDE, "foxglove.RawImage", "each frame", True, _DROP, False, "mono16, amplitude, counts"
+        CAMERA_AMPLITUDE,
+        "foxglove.RawImage",
+        "each frame",
+        True,
+        _DROP,
+        False,
+        "mono16, amplitude, counts",
+        unit="counts",
     ),
     Topic(
         CAMERA_FRAME,
@@ -82,6 +93,7 @@ _ROWS = (
         _DROP,
         False,
         "JSON: times, angles, settings, burst and pose of the frame",
+        unit="SI",
     ),
     Topic(
         CAMERA_CALIBRATION,
@@ -91,6 +103,7 @@ _ROWS = (
         _BLOCK,
         True,
         "intrinsics of the camera's own images",
+        unit="pixels",
     ),
     Topic(
         STAGE_TRANSFORM,
@@ -100,6 +113,7 @@ _ROWS = (
         _DROP,
         False,
         "`rig` (x forward, y left, z up) to `camera` (optical)",
+        unit="m",
     ),
     Topic(
         FUSED_DEPTH,
@@ -109,6 +123,7 @@ _ROWS = (
         _DROP,
         True,
         "32FC1, Z in metres, NaN = unknown (REP 118), β times the camera's rows and columns",
+        unit="m",
     ),
     Topic(
         FUSED_DEVIATION,
@@ -118,6 +133,7 @@ _ROWS = (
         _DROP,
         True,
         "32FC1, one standard deviation of the depth, metres",
+        unit="m",
     ),
     Topic(
         FUSED_AMPLITUDE,
@@ -127,6 +143,7 @@ _ROWS = (
         _DROP,
         True,
         "32FC1, amplitude per second of integration time, where the method gives one",
+        unit="counts/s",
     ),
     Topic(
         FUSED_CALIBRATION,
@@ -136,6 +153,7 @@ _ROWS = (
         _BLOCK,
         True,
         "intrinsics of the fused images",
+        unit="pixels",
     ),
     Topic(
         FUSED_POINTS,
@@ -145,6 +163,7 @@ _ROWS = (
         _DROP,
         True,
         "x, y, z (metres, `camera`), amplitude, deviation; float32, known pixels only",
+        unit="m",
     ),
     Topic(
         FUSED_REPORT,
@@ -154,6 +173,17 @@ _ROWS = (
         _BLOCK,
         True,
         "JSON: method, λ, iterations, frames used and rejected, noise, seconds, latency",
+        unit="SI",
+    ),
+    Topic(
+        SCAN_PROGRESS,
+        "lidarboost.ScanProgress",
+        "each pose",
+        False,
+        _DROP,
+        True,
+        "JSON: how far the burst at work is, and what is being fused",
+        unit="SI",
     ),
     Topic(
         STATUS,
@@ -163,6 +193,7 @@ _ROWS = (
         _BLOCK,
         True,
         "JSON: state, source, rates, drops by cause, disk, last error",
+        unit="SI",
     ),
     Topic(LOG, "foxglove.Log", "as it happens", True, _BLOCK, True, "the service's log"),
     Topic(ALIVE, "–", "liveliness token", False, _NONE, False, "present as long as the service runs"),

@@ -15,11 +15,13 @@ from service.messages.map import FusedMap
 from service.processes.worker import Worker
 from service.sinks.sink import Room, Sink
 
-_NICENESS = 15
+_NICENESS, _BESIDE_FUSION = 15, 5
+"""Live, and in a lossless run, in which it is waited for."""
+
 _TIMEOUT = 60.0
 """Seconds for one picture; it takes a fraction of one, the first of a process some seconds."""
 
-_PENDING = 2
+_PENDING = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +39,7 @@ class Pictures(Sink):
     Args:
         directory: made if need be.
         keep: pictures kept; the oldest of this run goes. None = all.
+        lossless: whether it is waited for.
     """
 
     wants = (MapFused,)
@@ -44,14 +47,14 @@ class Pictures(Sink):
     room = Room(_PENDING, 1 << 40)
     """Maps of 7 MB each; live, the newest are drawn."""
 
-    def __init__(self, directory: Path, *, keep: int | None = None) -> None:
+    def __init__(self, directory: Path, *, keep: int | None = None, lossless: bool = False) -> None:
         super().__init__()
         self._directory, self._keep = directory, keep
         self._written: deque[Path] = deque()
         self._worker = Worker(
             "process that draws",
             "service.sinks.pictures:drawing",
-            niceness=_NICENESS,
+            niceness=_BESIDE_FUSION if lossless else _NICENESS,
             threads=1,
             cancelled=self.abandoned.is_set,
         )
@@ -76,6 +79,9 @@ class Pictures(Sink):
             self._written.popleft().unlink(missing_ok=True)
 
     def close(self) -> None:
+        self._worker.kill()
+
+    def abandon(self) -> None:
         self._worker.kill()
 
     @property

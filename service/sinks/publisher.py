@@ -11,10 +11,11 @@ import zenoh.ext
 
 from drivers.messages import Message
 from service.messages.encoding import event_messages, points_of
-from service.messages.events import Event, FrameCaptured, MapFused
+from service.messages.events import Delivery, Event, FrameCaptured, MapFused
 from service.messages.topics import ALIVE, FUSED_POINTS, TOPICS, Congestion, Topic
 from service.sinks.sink import Room, Sink
 from service.wire.addresses import DEFAULT_PREFIX
+from service.wire.encoding import encoding
 from service.wire.sockets import bytes_under_way
 
 _MISS_HEARTBEAT = 1.0
@@ -66,6 +67,9 @@ class Publisher(Sink):
         self._declared.append(self._session.liveliness().declare_token(self.key(ALIVE)))
 
     def take(self, event: Event) -> None:
+        if isinstance(event, Delivery):
+            event.deliver()
+            return
         self.publish(event_messages(event))
         if isinstance(event, MapFused):
             self._publish_points(event)
@@ -172,17 +176,9 @@ class Publisher(Sink):
         return bytes_under_way(ports)
 
 
-def encoding(message: Message) -> zenoh.Encoding:
-    """`application/protobuf;foxglove.RawImage` and the like."""
-    kind = zenoh.Encoding.APPLICATION_PROTOBUF
-    if message.message_encoding == "json":
-        kind = zenoh.Encoding.APPLICATION_JSON
-    return kind.with_schema(message.schema.name)
-
-
 def _is_lazy(topic: Topic) -> bool:
     """Made on demand: an advanced publisher cannot tell whether anybody listens, and its cache needs all."""
-    return not topic.recorded
+    return topic.name == FUSED_POINTS
 
 
 def _port(locator: str) -> int:

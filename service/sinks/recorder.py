@@ -1,5 +1,6 @@
 """Recording what is published, byte for byte."""
 
+import json
 import logging
 import shutil
 import time
@@ -14,7 +15,15 @@ from drivers.messages import Message
 from drivers.recording import RecordingHead
 from service.errors import EncodingError, OutputError
 from service.messages.encoding import event_messages
-from service.messages.events import BurstCaptured, DevicesOpened, Event, FrameCaptured, MapFused
+from service.messages.events import (
+    BurstCaptured,
+    Commanded,
+    DevicesOpened,
+    Event,
+    FrameCaptured,
+    HeadChanged,
+    MapFused,
+)
 from service.messages.status import RecorderState
 from service.messages.topics import TOPICS
 from service.sinks.destination import Destination, is_over
@@ -79,7 +88,7 @@ class Recorder(Sink):
         self._again = self._looked = 0.0
 
     def take(self, event: Event) -> None:
-        if isinstance(event, DevicesOpened):
+        if isinstance(event, (DevicesOpened, HeadChanged)):
             self._head = event.head
         if self._head is None or self.abandoned.is_set():
             return
@@ -87,6 +96,7 @@ class Recorder(Sink):
             self._queue(event)
             self._recover_once()
             self._write_waiting()
+            self._note(event)
             self._lost += self._waiting.forget(time.monotonic())
             return
         self._finish()
@@ -194,6 +204,14 @@ class Recorder(Sink):
                 _log.warning("recording goes on in %s, %d messages were lost", self._file.path, self._lost)
                 self._fault = None
 
+    def _note(self, event: Event) -> None:
+        """Put down who had what done."""
+        if isinstance(event, Commanded) and self._file is not None:
+            try:
+                self._file.note("command", _told(event))
+            except StorageError as error:
+                self._fail(error)
+
     def _look(self) -> None:
         """See now and then whether the file still is there; raises `StorageError`."""
         now = time.monotonic()
@@ -252,6 +270,15 @@ def _is_there(path: Path) -> bool:
         return path.exists()
     except OSError:  # a disk that does not answer
         return False
+
+
+def _told(event: Commanded) -> dict[str, str]:
+    return {
+        "who": event.who,
+        "when": str(event.timestamp),
+        "command": event.command,
+        "arguments": json.dumps(event.arguments),
+    }
 
 
 def _free(directory: Path) -> int | None:

@@ -1,6 +1,7 @@
 """One file of a running recorder, flushed at a steady beat."""
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -99,6 +100,10 @@ class RecordingFile:
             self._settle(True)
             self._flushed = elapsed
             self._synced = elapsed if due else self._synced
+
+    def note(self, name: str, content: Mapping[str, str]) -> None:
+        """Add a metadata record."""
+        self._writer.note(name, content)
 
     def close(self) -> None:
         """Complete it; after a failure this keeps what was written before.

@@ -145,12 +145,20 @@ class SinkRunner:
         """End it, and give it up where that takes longer than `timeout` seconds."""
         self.end(discard=discard)
         if not self._waits:
-            self._thread.join(timeout)
+            self._join(timeout)
         if self._thread.is_alive() and not self._waits:
             self._abandon(f"it did not finish within {timeout:.0f} s")
             self._queue.clear()
         if self._state != "failed":
             self._state = "ended"
+
+    def _join(self, timeout: float) -> None:
+        """Wait for the thread, in a lossless run for as long as it gets on with its work."""
+        while True:
+            taken = self._taken
+            self._thread.join(timeout)
+            if not (self._thread.is_alive() and self._lossless and self._taken > taken):
+                return
 
     @property
     def sink(self) -> Sink | None:
@@ -286,6 +294,8 @@ class SinkRunner:
         sink, attempt.sink = attempt.sink, None
         if sink is not None:
             sink.abandoned.set()
+            with suppress(Exception):
+                sink.abandon()
             self._keep(sink)
         self._hanging.append(self._thread)
         self._abandoned += 1

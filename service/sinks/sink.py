@@ -62,6 +62,9 @@ class Sink:
         """Leave nothing of what was begun; where that means nothing, the same as `close`."""
         self.close()
 
+    def abandon(self) -> None:
+        """Let go of processes and the like; called by another thread while this one hangs: never wait."""
+
     @property
     def files(self) -> tuple[str, ...]:
         """What it has written, complete."""

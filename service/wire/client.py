@@ -16,8 +16,10 @@ from service.errors import RemoteError
 from service.messages.decoding import Received, decode
 from service.messages.topics import FUSED_CALIBRATION, TOPICS, Congestion, Topic
 from service.wire.addresses import DEFAULT_ENDPOINT, DEFAULT_PREFIX
+from service.wire.asking import Answer, Asking
 from service.wire.session import open_session
 from service.wire.subscription import CALIBRATION_WAIT, LatestCalibration, Subscription
+from service.wire.verbs import Scan, Section, Stage, Stream
 
 _IMAGES = 2
 """Images that wait for a slow reader: the one it takes next, and the newest."""
@@ -35,11 +37,16 @@ class Client:
         depth = rig.latest("fused/depth")  # depth.value (H, W) metres, depth.intrinsics (3, 3)
         for report in rig.subscribe("fused/report"):
             print(report.value["deviation"])
+        rig.fusion.set(method="phasor")
+        answer = rig.scan.once(map=True)  # answer["report"], answer.messages["fused/depth"]
     ```
 
     Args:
         endpoint: where the service, or a router, listens.
         prefix: of the service's keys.
+
+    Attributes:
+        scan, stream, stage, settings, plan, fusion: its commands; they raise a `CommandError`.
 
     Raises:
         SessionError: the endpoint is not one.
@@ -51,6 +58,25 @@ class Client:
         self._session = self._resources.enter_context(open_session(listen=(), connect=(endpoint,)))
         self._calibrations: dict[str, LatestCalibration] = {}
         self._watching = Lock()
+        self._asking = Asking(self._session, prefix, endpoint)
+        self.scan, self.stream, self.stage = Scan(self.command), Stream(self.command), Stage(self.command)
+        self.settings = Section(self.command, "cmd/settings")
+        self.plan, self.fusion = Section(self.command, "cmd/plan"), Section(self.command, "cmd/fusion")
+
+    def command(self, name: str, action: str, timeout: float = 60.0, **arguments: Any) -> Answer:
+        """Have any command carried out, and wait until it is.
+
+        Args:
+            name: such as `cmd/scan`.
+            action: its verb.
+            timeout: seconds.
+            arguments: of the verb.
+
+        Raises:
+            CommandError: it was refused, and nothing changed; of a class of its own for each code.
+            RemoteError: no service, or no answer in time.
+        """
+        return self._asking.ask(name, timeout, {"action": action, **arguments})
 
     def close(self) -> None:
         """Close the connection and all subscriptions."""

@@ -93,7 +93,7 @@ def run(start: str, minutes: float, folder: Path) -> bool:
         end = time.monotonic() + 60 * minutes
         while time.monotonic() < end:
             over.wait(min(FAULT_EVERY, max(0.0, end - time.monotonic())))
-            pid = daemon.fusion_pid
+            pid = daemon.fusing.executor.pid
             if pid is not None and time.monotonic() < end - FAULT_EVERY:
                 os.kill(pid, signal.SIGSTOP)
         daemon.stop.set()

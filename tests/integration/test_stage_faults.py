@@ -9,16 +9,18 @@ import time
 from itertools import islice
 from math import radians
 from pathlib import Path
-from threading import Event, Timer
+from threading import Timer
 
 import numpy as np
 import pytest
 
 from drivers.mesasr import library
 from drivers.usb import discovery
-from service.capture.loop import Capture, Grabber, ScanBursts
+from service.capture.control import Control
+from service.capture.loop import Grabber, ScanBursts
 from service.capture.motion import Operator
 from service.capture.rig import make_rig
+from service.capture.series import Capture
 from service.config.sections import CameraSection, Configuration, PlanSection, StageSection
 from service.errors import MotionError
 from service.planning.plan import make_plan
@@ -55,7 +57,7 @@ class Scan:
         self._fault = fault
         self.rig = make_rig(configuration, operator=operator)
         self.rig.open()
-        grabber = Grabber(self.rig, configuration.camera.timeout, Event(), self._watch)
+        grabber = Grabber(self.rig, configuration.camera.timeout, Control(), self._watch)
         self.plan = make_plan(
             configuration.plan, POSES, self.rig.calibration.intrinsics, resolution=self.rig.stage.resolution
         )

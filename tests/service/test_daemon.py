@@ -18,6 +18,7 @@ from service.capture.rig import Rig
 from service.config.file import load
 from service.config.sections import Configuration
 from service.daemon.daemon import Daemon
+from service.daemon.modes import Scanning
 from service.daemon.run import run_service
 from service.daemon.systemd import WATCHDOG
 from service.errors import ConfigurationError, MotionError, PlanError, ServiceError, SessionError
@@ -135,7 +136,8 @@ def test_after_a_failed_movement_it_stands_still_says_why_and_stays_alive(config
     sink = Watches()
     run_service(configure(), stuck, sinks={"test": lambda: sink}, started=sink.started)
     assert statuses[0].reason == "ran into its limit; it stands still until started again"
-    assert statuses[0].degraded[0].what == statuses[0].error == statuses[0].reason
+    assert statuses[0].error is not None
+    assert statuses[0].degraded[0].what == statuses[0].error.what == statuses[0].reason
     assert fed.count(WATCHDOG) >= 2, "killed and started again it would move by itself"
     assert len(stuck.stage.moves) == 10
 
@@ -263,10 +265,10 @@ def test_an_idle_service_captures_nothing_until_it_is_asked(configure) -> None:
                 states.append(event.state)
                 if event.state == "idle" and not seen:
                     assert self.daemon.grabber.counts.frames == 0
-                    self.daemon.request("scan")
+                    self.daemon.begin(Scanning(self.daemon))
             elif isinstance(event, MapFused):
                 seen.append(event)
-                self.daemon.request("idle")
+                self.daemon.rest()
                 if len(states) > 3:
                     self.daemon.stop.set()
             if states[-1:] == ["idle"] and seen:
@@ -281,39 +283,15 @@ def test_an_idle_service_captures_nothing_until_it_is_asked(configure) -> None:
 def test_a_newcomer_adds_a_sink_in_one_file(
     configure, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "depth_log.py").write_text(NEWCOMER)
+    """As CONTRIBUTING.md says."""
+    page = (Path(__file__).parents[2] / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    code = page.split("```python\n", 1)[1].split("```", 1)[0]
+    (tmp_path / "depth_log.py").write_text(code)
     monkeypatch.syspath_prepend(tmp_path)
     options = {"path": str(tmp_path / "depths.txt")}
     settings = configure(sinks={"depths": {"kind": "depth_log:DepthLog", "options": options}})
     run_service(settings, rig(), once=True)
     assert float((tmp_path / "depths.txt").read_text()) == pytest.approx(20_000 * 7.5 / 65536, abs=0.01)
-
-
-NEWCOMER = """
-from pathlib import Path
-
-import numpy as np
-from pydantic import BaseModel
-
-from service.messages.events import Event, MapFused
-from service.sinks.sink import Sink
-
-
-class DepthLog(Sink):
-    wants = (MapFused,)
-
-    class Options(BaseModel, extra="forbid"):
-        path: Path
-
-    def open(self) -> None:
-        self.file = self.options.path.open("a")
-
-    def take(self, event: Event) -> None:
-        print(np.nanmedian(event.map.depth), file=self.file)
-
-    def close(self) -> None:
-        self.file.close()
-"""
 
 
 @pytest.mark.parametrize(

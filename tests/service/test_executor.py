@@ -19,11 +19,11 @@ from scripted import calibration, frame
 
 from service.config.sections import FusionSection
 from service.errors import HungError, WorkerError
-from service.fusion.answering import WarmUp, answering
+from service.fusion.answering import answering
 from service.fusion.backlog import Backlog
 from service.fusion.deadline import Deadline
 from service.fusion.executor import Executor
-from service.fusion.job import BurstJob, FrameJob, Job
+from service.fusion.job import BurstJob, FrameJob, Job, WarmUp
 from service.fusion.local import LocalExecutor
 from service.messages.burst import Burst
 from service.messages.map import FusedMap
@@ -158,11 +158,12 @@ def test_a_burst_that_kills_twice_fails_and_the_next_is_fused(started: LocalExec
 
 
 def test_a_fusion_that_never_ends_is_cut_off() -> None:
-    executor = LocalExecutor(SETTINGS.model_copy(update={"timeout": 0.3}))
+    hasty = SETTINGS.model_copy(update={"timeout": 0.3})
+    executor = LocalExecutor(hasty)
     try:
         executor.ready.result(60)
         with pytest.raises(HungError, match=r"gave no answer within 0\.3 s"):
-            map_of(executor, job(0, Endless))
+            map_of(executor, job(0, Endless, hasty))
         assert executor.state.hung == 2
     finally:
         executor.close()
@@ -221,14 +222,14 @@ def test_a_torn_kernel_on_disk_stops_neither_the_worker_nor_fuse(
 
 
 def test_the_deadline_follows_what_is_usual_and_never_exceeds_the_limit() -> None:
-    deadline, one = Deadline(120.0), job(0)
-    assert deadline.of(one) == 120.0
+    deadline, one = Deadline(), job(0)
+    assert deadline.of(one) == 30.0
     for seconds in (0.3, 0.5, 0.4):
         deadline.learn(one, seconds)
     assert deadline.of(one) == pytest.approx(5.0)
-    assert deadline.of(job(0, settings=SETTINGS.model_copy(update={"method": "area"}))) == 120.0
+    assert deadline.of(job(0, settings=SETTINGS.model_copy(update={"method": "area"}))) == 30.0
     deadline.learn(one, 60.0)
-    assert deadline.of(one) == 120.0
+    assert deadline.of(one) == 30.0
 
 
 class Held:
@@ -289,3 +290,30 @@ def test_arrays_cross_the_border_unchanged_and_may_be_written_to(started: LocalE
     again = map_of(started, replace(one))
     assert np.all(again.distance != 0)
     assert first.frame.counts.dtype == np.uint16
+
+
+class Unreadable(FusionSection):
+    """Cannot be read by the process."""
+
+    def __reduce__(self):  # type: ignore[no-untyped-def]
+        return int, ("not a number",)
+
+
+def test_a_request_that_cannot_be_read_is_an_error_and_no_endless_wait() -> None:
+    executor = LocalExecutor(Unreadable(**SETTINGS.model_dump()))
+    try:
+        with pytest.raises(WorkerError, match=r"the fusion process died \(exit status 1\)"):
+            executor.ready.result(120)
+    finally:
+        executor.close()
+
+
+def test_an_answer_that_is_none_is_an_error_and_no_endless_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.fusion.local.Ready", type("AnotherReady", (), {}))
+    executor = LocalExecutor(SETTINGS)
+    try:
+        for future in (executor.ready, executor.submit(job(0))):
+            with pytest.raises(WorkerError, match="another version"):
+                future.result(60)
+    finally:
+        executor.close()

@@ -9,6 +9,7 @@ import pytest
 
 from drivers import sr3000_calibration
 from service.config.sections import FusionSection
+from service.errors import OutputError
 from service.fusion.fuse import fuse_burst
 from service.messages.burst import Burst
 from service.messages.map import FusedMap
@@ -57,7 +58,7 @@ def test_it_is_written_whole_or_not_at_all(step: FusedMap, tmp_path: Path) -> No
     write_preview(tmp_path / "a.png", step)
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
     assert cv2.imread(str(tmp_path / "a.png")).shape[:2] == (860, 1600)
-    with pytest.raises(OSError, match="nowhere"):
+    with pytest.raises(OutputError, match="nowhere"):
         write_preview(tmp_path / "nowhere" / "a.png", step)
 
 

@@ -12,7 +12,7 @@ import pytest
 from test_daemon import configure, rig
 from test_recorder_faults import disk
 
-from drivers.recording import open_recording
+from drivers.recording import Recording, open_recording
 from service.daemon.daemon import Daemon
 from service.daemon.run import run_service
 from service.errors import RemoteError
@@ -77,7 +77,7 @@ def test_a_disk_that_is_full_at_the_start_is_told_and_recorded_on_once_there_is_
     lost = told.statuses[-1].drops.recorded
     assert any(f"recorder: {lost} messages lost" in loss for loss in summary.lost)
     assert summary.files
-    assert [open_recording(name).damage for name in summary.files] == [None] * len(summary.files)
+    assert [Recording(name).damage for name in summary.files] == [None] * len(summary.files)
 
 
 @pytest.mark.faults

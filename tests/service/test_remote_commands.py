@@ -12,9 +12,12 @@ from service.cli.status import _lines
 from service.messages.events import MapFused, StatusTold
 from service.messages.map import FusedMap
 from service.messages.status import (
+    CommandCounts,
     Degraded,
     Drops,
     FusionState,
+    InForce,
+    LastError,
     Rates,
     RecorderState,
     SinkState,
@@ -34,10 +37,10 @@ STATUS = Status(
     model="simulated SR3000",
     serial=None,
     uptime=12.0,
-    totals=Totals(frames=45, bursts=3, fused=2),
+    totals=Totals(frames=45, bursts=3, fused=2, unconverged=2),
     rates=Rates(frames=7.5, fused=0.5),
     drops=Drops(camera=4, recorded=2),
-    fusion=FusionState(backlog=1, restarts=0, hung=0, error=None),
+    fusion=FusionState(backlog=1, restarts=1, hung=0, error=None),
     latency=0.42,
     recorder=RecorderState(
         recording=True,
@@ -58,7 +61,17 @@ STATUS = Status(
             error="the disk is full",
         ),
     ),
-    error=None,
+    commands=CommandCounts(accepted=7, refused={"OUT_OF_RANGE": 2}),
+    in_force=InForce(
+        method="phasor",
+        upsampling=4,
+        regularization="auto",
+        frames=15,
+        window=15,
+        span=1.0,
+        integration_time=0.03,
+    ),
+    error=LastError(what="the cable is loose", timestamp=1_700_000_000_000_000_000),
 )
 
 
@@ -90,6 +103,10 @@ def test_status_says_what_matters(service: str) -> None:
         "2 of 3 bursts, 0.50 per second, 0.42 s after the last frame, 1 waiting",
         "4 camera, 2 recorded",
         "on: a.mcap, 3.0 MB, 5.0 GB free",
+        "phasor, λ auto, β 4, 15 frames over 1 pixels, integration 30 ms",
+        "7 carried out, refused: 2 OUT_OF_RANGE",
+        "2 not converged; the fusion was restarted 1 times",
+        " the cable is loose",
     ):
         assert expected in out
     assert Status.model_validate_json(run("status", "--endpoint", service, "--json")[1]) == STATUS
@@ -124,6 +141,8 @@ def test_watch_prints_a_line_a_message(service: str) -> None:
     code, out, _ = run("watch", "fused/depth", "--count", "1", "--endpoint", service)
     assert code == 0
     assert out.startswith("22:13:26.123 fused/depth 88 × 72 float32, ")
+    out = run("watch", "--count", "1", "--endpoint", service)[1]
+    assert "burst 6: 3 of 3 frames; 88 × 72 pixels; nearest; median deviation" in out
     out = run("watch", "--json", "--count", "1", "--endpoint", service)[1]
     assert json.loads(out)["burst"] == 6
 
