@@ -11,9 +11,9 @@ from drivers.recording.locks import is_used
 from drivers.recording.output import WORKING_SUFFIX
 from service.config.sections import RecordingSection
 from service.errors import OutputError
+from service.files import recording_number, recordings_in
 
 MEGABYTE = 1_000_000
-_NAME = re.compile(r"(?P<stamp>\d{8}T\d{6}Z)(-(?P<number>\d+))?(\.torn\d*)?\.mcap(\.active)?")
 _KEEP = ".keep"
 
 _log = logging.getLogger(__name__)
@@ -49,7 +49,7 @@ class RecordingDirectory:
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
             self.make_room(self._section.rotate_size)
-            last = max((_order(path)[0] for path in self.recordings()), default=0)
+            last = max(map(recording_number, self.recordings()), default=0)
         except OSError as error:
             raise OutputError(
                 f"{self.directory}: recordings cannot be kept here ({error.strerror}); mend that, or choose "
@@ -68,7 +68,7 @@ class RecordingDirectory:
 
     def recordings(self) -> list[Path]:
         """All recordings, oldest first, those being written included."""
-        return sorted((p for p in self.directory.iterdir() if _NAME.fullmatch(p.name)), key=_order)
+        return recordings_in(self.directory)
 
     def leftovers(self) -> list[Path]:
         """Files with a working name, oldest first: being written, or left by a service that was killed."""
@@ -118,13 +118,6 @@ def delete_oldest(sizes: Mapping[Path, int], excess: float) -> float:
             continue
         excess -= size
     return excess
-
-
-def _order(path: Path) -> tuple[int, str, str]:
-    """What the name says of its place: number, then time."""
-    found = _NAME.fullmatch(path.name)
-    assert found is not None
-    return int(found["number"] or 0), found["stamp"], path.name
 
 
 def _size(path: Path) -> int:

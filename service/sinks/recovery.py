@@ -86,10 +86,13 @@ class Recovery:
         except (DriverError, OutputError) as error:
             _log.warning("%s: cannot be made a whole file of (%s); it was set aside", torn, str(error))
             return
-        with suppress(OSError):
-            torn.unlink()
         lost = f"; lost: {recording.damage}" if recording.damage is not None else ""
         _log.warning("%s: %d frames were saved%s", whole, recording.frame_count, lost)
+        del recording  # and with it the lock
+        while is_used(torn) and not self._stopping.wait(0.1):
+            continue  # somebody looks for what was interrupted
+        with suppress(OSError):
+            torn.unlink()
 
     @staticmethod
     def _set_aside(active: Path, whole: Path) -> Path:
