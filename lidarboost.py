@@ -78,6 +78,6 @@ def __dir__() -> list[str]:
 
 
 if __name__ == "__main__":
-    from service.cli import main
+    from service.entry import main
 
     main()

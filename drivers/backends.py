@@ -89,5 +89,7 @@ def _make(kind: type[D], name: str, options: Mapping[str, Any] | None, clock: Cl
     try:
         checked = kind.Options.model_validate(dict(options or {}))
     except ValidationError as error:
-        raise InitialisationError(f"options of backend {name!r}: {told(error)}") from error
+        unknown = any(fault["type"] == "extra_forbidden" for fault in error.errors(include_url=False))
+        known = f" (it knows: {', '.join(kind.Options.model_fields) or 'none'})" if unknown else ""
+        raise InitialisationError(f"options of backend {name!r}: {told(error)}{known}") from error
     return kind(checked, clock)

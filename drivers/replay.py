@@ -13,6 +13,7 @@ from drivers.camera import Camera
 from drivers.device import BackendOptions
 from drivers.errors import DeviceTimeoutError, EndOfRecordingError
 from drivers.frame import Frame
+from drivers.names import shown
 from drivers.recording import Recording
 from drivers.reel import Reel
 from drivers.settings import CameraSettings, Capabilities
@@ -127,7 +128,7 @@ class ReplayCamera(Camera):
             shape=self._reel.recording.entries[0].shape,
             source="replay",
             carries_pose=True,
-            model=known.get("camera_model", f"recording {self._replay.path.name}"),
+            model=known.get("camera_model", f"recording {shown(self._replay.path.name)}"),
             serial=known.get("camera_serial"),
         )
 

@@ -1,10 +1,35 @@
 """Files and directories for results: whole, or not there; and names that nothing has yet."""
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from service.errors import OutputError
+
+_RECORDING = re.compile(r"(?P<stamp>\d{8}T\d{6}Z)(-(?P<number>\d+))?(\.torn\d*)?\.mcap(\.active)?")
+
+
+def recordings_in(directory: Path) -> list[Path]:
+    """The recordings of a service, oldest first: `20260131T235959Z-000017.mcap`, torn ones, those at work.
+
+    The number rises from file to file; times, in the name or of the file, are wrong where the clock was.
+
+    Raises:
+        OSError: the directory cannot be read.
+    """
+    return sorted((p for p in directory.iterdir() if _RECORDING.fullmatch(p.name)), key=_order)
+
+
+def recording_number(path: Path) -> int:
+    """The number in the name of a recording; 0 = it has none."""
+    return _order(path)[0]
+
+
+def _order(path: Path) -> tuple[int, str, str]:
+    found = _RECORDING.fullmatch(path.name)
+    assert found is not None
+    return int(found["number"] or 0), found["stamp"], path.name
 
 
 def free_path(path: Path) -> Path:

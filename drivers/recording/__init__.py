@@ -3,6 +3,7 @@
 from drivers.recording import attachments
 from drivers.recording.damage import Damage
 from drivers.recording.head import RecordingHead, recording_head
+from drivers.recording.output import torn_path
 from drivers.recording.reader import Recording, open_recording
 from drivers.recording.recover import recover, recovered_path
 from drivers.recording.summary import RecordingSummary
@@ -19,4 +20,5 @@ __all__ = [
     "recording_head",
     "recover",
     "recovered_path",
+    "torn_path",
 ]

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from drivers.calibration import Calibration
+from drivers.names import shown
 from drivers.recording import attachments
 from drivers.recording.writer import RecordingWriter
 
@@ -58,10 +59,10 @@ def recording_head(
         (attachments.TRUTH, truth, "application/octet-stream"),
     )
     return RecordingHead(
-        {key: value for key, value in said.items() if value is not None},
+        {key: shown(value) for key, value in said.items() if value is not None},
         tuple((name, _bytes(content), kind) for name, content, kind in attached if content is not None),
     )
 
 
 def _bytes(content: str | bytes) -> bytes:
-    return content.encode() if isinstance(content, str) else content
+    return shown(content).encode() if isinstance(content, str) else content

@@ -2,13 +2,13 @@
 
 import contextlib
 import errno
-import fcntl
 import logging
 import os
 from io import FileIO
 from pathlib import Path
 
 from drivers.errors import StorageError
+from drivers.recording.locks import claim, is_used
 
 logger = logging.getLogger(__name__)
 
@@ -38,8 +38,12 @@ class Output:
         try:
             _set_aside(self.working_path, path)
             self._file = open_unbuffered(self.working_path)
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
+            raise _storage_error(path, error) from error
+        try:
+            claim(self._file.fileno(), self.working_path)
+        except OSError as error:
+            self.discard()
             raise _storage_error(path, error) from error
 
     @property
@@ -81,16 +85,28 @@ class Output:
         except OSError as error:
             raise _storage_error(self.path, error) from error
 
+    @property
+    def is_there(self) -> bool:
+        """Whether the file still is where it was made: not deleted, and nothing mounted over its folder."""
+        try:
+            return os.path.samestat(self.working_path.stat(), os.fstat(self._file.fileno()))
+        except OSError:
+            return False
+
     def finish(self) -> None:
-        """Give the file its name."""
-        with self._file:
-            self.sync()
-        self.working_path.replace(self.path)
+        """Give the file its name; it keeps the working name where that cannot be done."""
+        try:
+            with self._file:
+                self.sync()
+            self.working_path.replace(self.path)
+        except OSError as error:
+            raise _storage_error(self.path, error) from error
 
     def discard(self) -> None:
-        """Remove the file."""
+        """Remove the file, where that can be done."""
         self._file.close()
-        self.working_path.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            self.working_path.unlink()
 
     def _truncate(self) -> None:
         with contextlib.suppress(OSError):
@@ -101,13 +117,19 @@ class Output:
 def _set_aside(working_path: Path, path: Path) -> None:
     if not working_path.exists():
         return
-    with working_path.open("rb") as left:
-        fcntl.flock(left, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    if is_used(working_path):
+        raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+    kept = torn_path(path)
+    working_path.rename(kept)
+    logger.warning("%s was left unfinished; kept as %s", working_path, kept)
+
+
+def torn_path(path: Path) -> Path:
+    """Where what is left of an unfinished recording is kept: `x.torn.mcap`, or the next name that is free."""
     number = 0
     while (kept := path.with_name(f"{path.stem}.torn{number or ''}{path.suffix}")).exists():
         number += 1
-    working_path.rename(kept)
-    logger.warning("%s was left unfinished; kept as %s", working_path, kept)
+    return kept
 
 
 def _storage_error(path: Path, error: OSError) -> StorageError:
@@ -118,5 +140,6 @@ def _storage_error(path: Path, error: OSError) -> StorageError:
         errno.ENOENT: f"there is no folder {path.parent}: create it first",
         errno.EACCES: "permission denied: choose a folder that you may write to",
         errno.EROFS: "the disk is read-only: choose another folder",
+        errno.EIO: "the disk does not answer: look at its cable and its health",
     }
     return StorageError(f"{path}: cannot be written: {advice.get(error.errno or 0, error.strerror)}")

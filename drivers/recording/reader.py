@@ -1,7 +1,7 @@
 """Reading a recording back: the very same frames, and what is missing where it is damaged."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from drivers.recording.assembly import FRAME_TOPICS, FrameEntry, Place
 from drivers.recording.calibrations import Calibrations
 from drivers.recording.contents import Contents, FoundMessage, TopicEntry, read_contents, read_messages
 from drivers.recording.damage import Damage, assess
+from drivers.recording.locks import hold
 from drivers.recording.payloads import Payloads
 from drivers.recording.records import AttachmentEntry
 from drivers.recording.summary import RecordingSummary, summarise
@@ -38,13 +39,14 @@ class Recording:
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
+        hold(self, self.path)
         self._contents = read_contents(self.path)
         self._entries = arranged(self._contents.frames)
         self._calibrations = Calibrations(
             str(self.path),
             self.attached(attachments.CALIBRATION),
             self._contents.calibrations,
-            self.load,
+            partial(_load, self.path),  # a bound method would keep this object, and its lock, alive
         )
 
     @property
@@ -92,13 +94,7 @@ class Recording:
 
     def load(self, entry: AttachmentEntry) -> bytes:
         """Content of an attached file; raises as `attachment`."""
-        if entry.size > _LARGEST_ATTACHMENT:
-            raise RecordingError(
-                f"{self.path}: {entry.name} has {entry.size:,} bytes; expected at most "
-                f"{_LARGEST_ATTACHMENT:,}"
-            )
-        with Payloads(self.path) as payloads:
-            return payloads.read(Place(None, entry.data_offset, entry.data_offset + entry.size))
+        return _load(self.path, entry)
 
     @property
     def configuration(self) -> str | None:
@@ -253,3 +249,12 @@ def open_recording(path: Path | str) -> Recording:
 
 def _size(shape: tuple[int, int]) -> str:
     return f"{shape[0]} × {shape[1]}"
+
+
+def _load(path: Path, entry: AttachmentEntry) -> bytes:
+    if entry.size > _LARGEST_ATTACHMENT:
+        raise RecordingError(
+            f"{path}: {entry.name} has {entry.size:,} bytes; expected at most {_LARGEST_ATTACHMENT:,}"
+        )
+    with Payloads(path) as payloads:
+        return payloads.read(Place(None, entry.data_offset, entry.data_offset + entry.size))

@@ -1,5 +1,6 @@
 """A whole recording of what a torn or damaged one still holds, every record as it is."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 from drivers.errors import RecordingError
@@ -18,11 +19,16 @@ def recovered_path(path: Path) -> Path:
     return whole.with_name(f"{whole.stem}.recovered{whole.suffix}")
 
 
-def recover(recording: Recording, output: Path) -> int:
+def recover(recording: Recording, output: Path, interrupted: Callable[[], bool] = lambda: False) -> int:
     """Write all that can be read into a new file, in order, but messages of frames that are not whole.
 
     Profile, schemas, channels, metadata, attachments and foreign messages stay as they are, and so do the
     chunks and their compression.
+
+    Args:
+        recording: the torn one.
+        output: where the whole one shall be.
+        interrupted: once true, nothing is written after all.
 
     Returns:
         How many messages were written.
@@ -30,6 +36,7 @@ def recover(recording: Recording, output: Path) -> int:
     Raises:
         RecordingError: there is nothing to save, or output and input are one file.
         StorageError: the file cannot be written.
+        InterruptedError: it was interrupted.
     """
     taken = (output, output.with_name(output.name + WORKING_SUFFIX))
     if any(path.exists() and path.samefile(recording.path) for path in taken):
@@ -40,6 +47,8 @@ def recover(recording: Recording, output: Path) -> int:
     with recording.path.open("rb") as source, Copy(source, output, found.profile) as copy:
         copy.define(found.schemas.values(), found.channels.values())
         for item in walk(source):
+            if interrupted():
+                raise InterruptedError
             if not isinstance(item, Fault) and item.length:
                 _copy(copy, item, found)
     return copy.messages

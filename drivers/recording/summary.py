@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.calibration import Calibration
 from drivers.errors import RecordingError
+from drivers.names import Shown
 from drivers.recording import attachments
 from drivers.recording.assembly import FrameEntry
 from drivers.recording.contents import TopicEntry
@@ -18,6 +19,10 @@ from drivers.recording.damage import Damage
 
 if TYPE_CHECKING:
     from drivers.recording.reader import Recording
+
+
+_TURNED = 1e-5
+"""Radians between two poses; the finest stage here makes steps of ten times as much."""
 
 
 class _Part(BaseModel):
@@ -51,7 +56,8 @@ class FramesSummary(_Part):
     shape: tuple[int, int] = Field(description="Rows and columns of the first.")
     duration: float = Field(description="From the first exposure to the last, seconds.")
     rate: float | None = Field(description="1 / the median time between frames, Hz.")
-    drops: int = Field(description="Gaps in the camera's counter.")
+    drops: int = Field(description="Gaps in the camera's counter while it looked one way.")
+    passed: int = Field(description="Gaps in it while the stage turned, and between bursts: nobody's loss.")
     integration_times: list[float | None] = Field(description="Seconds per phase sample; null = not known.")
     modulation_frequencies: list[float] = Field(description="Hz.")
     ambiguity_ranges: list[float] = Field(description="Metres.")
@@ -62,7 +68,7 @@ class FramesSummary(_Part):
 class RecordingSummary(_Part):
     """What `lidarboost info` shows."""
 
-    path: str
+    path: Shown
     size: int = Field(description="Bytes.")
     start: datetime | None = Field(description="Log time of the first message.")
     duration: float = Field(description="From the first log time to the last, seconds.")
@@ -70,13 +76,13 @@ class RecordingSummary(_Part):
     topics: list[TopicSummary]
     frames: FramesSummary | None
     calibration: Calibration | None
-    calibration_problem: str | None = Field(description="Why there is no calibration.")
+    calibration_problem: Shown | None = Field(description="Why there is no calibration.")
     truth: tuple[int, int] | None = Field(description="Rows and columns of the true distance.")
     truth_problem: str | None = Field(description="Why a truth that is there cannot be used.")
     attachments: list[AttachmentSummary]
-    problem: str | None = Field(description="Why its frames cannot be fused as they are.")
+    problem: Shown | None = Field(description="Why its frames cannot be fused as they are.")
     damage: Damage | None
-    damage_text: str | None
+    damage_text: Shown | None
 
 
 def summarise(recording: "Recording") -> RecordingSummary:
@@ -143,19 +149,35 @@ def _frames(recording: "Recording") -> FramesSummary:
     fields = [entry.fields for entry in entries]
     times = sorted(entry.timestamp for entry in fields)
     steps = [later - earlier for earlier, later in pairwise(times)]
-    gaps = (later.sequence - earlier.sequence - 1 for earlier, later in pairwise(fields))
+    bursts = recording.cut(None)
+    drops, passed = _gaps(bursts)
     return FramesSummary(
         count=len(entries),
         shape=entries[0].shape,
         duration=(times[-1] - times[0]) / 1e9,
         rate=1e9 / median(steps) if steps and median(steps) > 0 else None,
-        drops=sum(gap for gap in gaps if gap > 0),
+        drops=drops,
+        passed=passed,
         integration_times=list(dict.fromkeys(entry.integration_time for entry in fields)),
         modulation_frequencies=list(dict.fromkeys(entry.modulation_frequency for entry in fields)),
         ambiguity_ranges=list(dict.fromkeys(entry.ambiguity_range for entry in fields)),
         amplitude_modes=list(dict.fromkeys(entry.amplitude_mode for entry in fields)),
-        bursts=[_burst(burst) for burst in recording.cut(None)],
+        bursts=[_burst(burst) for burst in bursts],
     )
+
+
+def _gaps(bursts: Sequence[Sequence[FrameEntry]]) -> tuple[int, int]:
+    """Frames that are missing where the camera looked one way, and those that passed meanwhile."""
+    drops = passed = 0
+    entries = [(number, entry.fields) for number, burst in enumerate(bursts) for entry in burst]
+    for (burst, earlier), (next_burst, later) in pairwise(entries):
+        gap = max(0, later.sequence - earlier.sequence - 1)
+        turned = max(abs(later.pan - earlier.pan), abs(later.tilt - earlier.tilt)) > _TURNED
+        if turned or burst != next_burst:
+            passed += gap
+        else:
+            drops += gap
+    return drops, passed
 
 
 def _burst(members: Sequence[FrameEntry]) -> BurstSummary:

@@ -70,6 +70,11 @@ class RecordingWriter:
         """Bytes in the file so far; up to one chunk more is held in memory."""
         return self._output.tell()
 
+    @property
+    def is_there(self) -> bool:
+        """Whether the file still is where it was made: not deleted, its folder not unmounted."""
+        return self._output.is_there
+
     def attach(self, name: str, data: bytes, media_type: str, log_time: int = 0) -> None:
         """Add a named file; `log_time` in ns since the epoch, 0 = not known."""
         self._require_open()

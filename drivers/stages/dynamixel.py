@@ -21,6 +21,9 @@ VELOCITY_UNIT = 0.229 * 360 / 60
 ACCELERATION_UNIT = 214.577 * 360 / 3600
 """Degrees per s² in one unit of the profile acceleration, 214.577 rev/min²."""
 
+_FARTHEST = 256 * COUNTS_PER_TURN
+"""Counts either way that a servo of this series can tell of."""
+
 ServoId = int
 
 
@@ -34,8 +37,12 @@ class DynamixelOptions(SerialOptions):
     )
     pan_sign: Sign = Field(1, description="1 where the servo counts upwards to the left, else -1.")
     tilt_sign: Sign = Field(1, description="1 where the servo counts upwards when it turns up, else -1.")
-    pan_zero: int = Field(2048, description="Position of pan 0°, counts of 360°/4096.")
-    tilt_zero: int = Field(2048, description="Position of tilt 0°, counts of 360°/4096.")
+    pan_zero: int = Field(
+        2048, ge=-_FARTHEST, le=_FARTHEST, description="Position of pan 0°, counts of 360°/4096."
+    )
+    tilt_zero: int = Field(
+        2048, ge=-_FARTHEST, le=_FARTHEST, description="Position of tilt 0°, counts of 360°/4096."
+    )
     tolerance: int = Field(
         4, ge=0, le=64, description="Counts off its goal at which a loaded servo counts as arrived."
     )

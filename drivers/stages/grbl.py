@@ -38,10 +38,16 @@ class GrblOptions(SerialOptions):
     pan_sign: Sign = Field(1, description="1 where the axis counts upwards to the left, else -1.")
     tilt_sign: Sign = Field(1, description="1 where the axis counts upwards when it turns up, else -1.")
     pan_zero: float | None = Field(
-        None, description="Machine position of pan 0°, degrees; none = the middle of the travel."
+        None,
+        ge=-3600,
+        le=3600,
+        description="Machine position of pan 0°, degrees; none = the middle of the travel.",
     )
     tilt_zero: float | None = Field(
-        None, description="Machine position of tilt 0°, degrees; none = the middle of the travel."
+        None,
+        ge=-3600,
+        le=3600,
+        description="Machine position of tilt 0°, degrees; none = the middle of the travel.",
     )
     home_timeout: float = Field(60.0, gt=0, le=600, description="Seconds that the homing cycle may take.")
 

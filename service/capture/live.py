@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import islice
-from threading import current_thread, main_thread
-from types import FrameType
 
 from drivers.errors import EndOfRecordingError
 from drivers.frame import Frame
@@ -28,30 +25,11 @@ def live(configuration: Configuration, operator: Operator | None = None) -> Iter
     if operator is None:
         configuration = configuration.model_copy(update={"stage": StageSection()})
     rig = make_rig(configuration, operator=operator)
-    with _ended_by_signals():
-        try:
-            rig.open()
-            yield Grabber(rig, configuration.camera.timeout, Control())
-        finally:
-            rig.close()
-
-
-@contextmanager
-def _ended_by_signals() -> Iterator[None]:
-    """Let SIGTERM and a closed terminal end the command as Ctrl-C does, so that what moves is stopped."""
-    if current_thread() is not main_thread():
-        yield
-        return
-
-    def end(_number: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    before = {number: signal.signal(number, end) for number in (signal.SIGTERM, signal.SIGHUP)}
     try:
-        yield
+        rig.open()
+        yield Grabber(rig, configuration.camera.timeout, Control())
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        rig.close()
 
 
 def filmed(grabber: Grabber, count: int | None = None, seconds: float | None = None) -> Iterator[Frame]:

@@ -25,6 +25,9 @@ _ATTEMPTS = 4
 _STALE = 100
 """Stale frames in a row that cannot be what was still in the camera's buffers."""
 
+_NOTABLE = 0.5
+"""Seconds by which a clock is set that are worth a line."""
+
 T_co = TypeVar("T_co", covariant=True)
 
 _log = logging.getLogger(__name__)
@@ -71,10 +74,15 @@ class Grabber:
         self.rig, self.control = rig, control
         self.counts = CaptureCounts()
         self._timeout = timeout
-        rig.stage.interrupted = lambda: control.halted
+        rig.stage.interrupted = self._interrupted
         self._listener = listener
         self._sequence: int | None = None
         self._held: Frame | None = None
+
+    def _interrupted(self) -> bool:
+        """Asked by a stage that moves, and has a deadline of its own: a sign of life."""
+        self.rig.beat()
+        return self.control.halted
 
     def grab(self) -> Frame:
         """The next frame; raises as `Camera.grab`, and `StoppedError` once stopped or cancelled."""
@@ -95,7 +103,7 @@ class Grabber:
             try:
                 return self.grab()
             except DeviceTimeoutError:
-                continue
+                self.rig.beat()
 
     def grab_fresh(self, still: int) -> Frame:
         """The next frame whose exposure began at `still` (ns) or later; raises as `grab`."""
@@ -157,6 +165,7 @@ class ScanBursts:
         self._grabber, self._rig = grabber, grabber.rig
         self._plan, self._settle, self._move_timeout = plan, settle, move_timeout
         self._stand: _Stand | None = None
+        self._correction = 0
 
     def take(self, number: int) -> Burst:
         begun, self._begun = self._begun, ()
@@ -167,6 +176,8 @@ class ScanBursts:
 
     def frame(self, number: int | None, pose: int) -> Frame:
         """The frame of a pose, as part of a burst where it has a number; tried again some times."""
+        if pose == 0:
+            self._set_clock()
         try:
             self._grabber.control.between_poses()
             self._turn(pose)
@@ -174,6 +185,14 @@ class ScanBursts:
         except OperationError:
             self._stand = None  # the devices will be opened again, and may move at that
             raise
+
+    def _set_clock(self) -> None:
+        """Follow a clock that was set meanwhile, between two bursts: within one, times shall not jump."""
+        correction = self._rig.clock.correction()
+        moved = (correction - self._correction) / 1e9
+        if abs(moved) > _NOTABLE:
+            _log.warning("the clock was set by %+.1f s; frames are stamped accordingly", moved)
+        self._correction = correction
 
     def _tried(self, number: int | None, pose: int) -> Frame:
         last: OperationError | None = None
@@ -210,7 +229,14 @@ class ScanBursts:
         frame = self._grabber.grab_fresh(self._stand.still)
         position = self._rig.motion.position
         numbers = (None, None) if number is None else (number, pose)
-        placed = replace(frame, pan=position.pan, tilt=position.tilt, burst=numbers[0], pose=numbers[1])
+        placed = replace(
+            frame,
+            timestamp=frame.timestamp + self._correction,
+            pan=position.pan,
+            tilt=position.tilt,
+            burst=numbers[0],
+            pose=numbers[1],
+        )
         return self._grabber.keep(placed)
 
 

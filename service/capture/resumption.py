@@ -12,6 +12,7 @@ from drivers.frame import Frame
 from drivers.recording import Recording, open_recording
 from service.capture.rig import Rig
 from service.config.sections import Configuration
+from service.files import recordings_in
 
 LONGEST_BREAK = 600.0
 """Seconds after which the scene is another one."""
@@ -65,8 +66,7 @@ def begun_burst(configuration: Configuration, rig: Rig, poses: int) -> BegunBurs
 def _newest(directory: Path) -> Recording | None:
     """The newest that holds a frame: this run may have begun one already."""
     try:
-        found = [path for path in directory.iterdir() if path.name.endswith((".mcap", ".mcap.active"))]
-        newest = sorted(found, key=lambda path: path.stat().st_mtime_ns, reverse=True)[:_LOOKED_AT]
+        newest = recordings_in(directory)[: -_LOOKED_AT - 1 : -1]
     except OSError:
         return None
     for path in newest:

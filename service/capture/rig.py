@@ -17,7 +17,7 @@ from service.capture.motion import HomePolicy, Motion, Operator
 from service.config.sections import CameraSection, Configuration
 from service.errors import ConfigurationError
 
-_FIRST_WAIT, _LONGEST_WAIT = 0.5, 30.0
+_FIRST_WAIT, _LONGEST_WAIT = 0.5, 2.0
 """Seconds before the first attempt to open a lost device again, and at most between later ones."""
 
 D = TypeVar("D", bound=Device)

@@ -3,6 +3,7 @@
 import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Annotated, Any, NoReturn
@@ -10,12 +11,13 @@ from typing import Annotated, Any, NoReturn
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from service import signals, streams
 from service.versions import software_version
 
 DONE, FAILED, USAGE, DATA_LOST = 0, 1, 2, 3
 """Exit statuses."""
 
-_INTERRUPTED = 130
+INTERRUPTED = 130
 """What shells report for a program ended by SIGINT: 128 + 2."""
 
 
@@ -67,6 +69,9 @@ COMMANDS: dict[str, Entry] = {
 }
 """Every command, in the order that help shows them."""
 
+_STOPPING = frozenset({"run", "capture"})
+"""Commands for which a signal is a wish to stop, and no interruption."""
+
 
 class LazyGroup(TyperGroup):
     """Looks commands up in the table, and turns every error into one line and an exit status."""
@@ -97,8 +102,11 @@ class LazyGroup(TyperGroup):
         extra["standalone_mode"] = False
         try:
             status = super().main(*args, **extra)
-        except Exception as error:
+            if status == INTERRUPTED:  # how the library tells of a KeyboardInterrupt
+                raise KeyboardInterrupt
+        except (Exception, KeyboardInterrupt) as error:
             status = _report(error)
+        status = _settled(status)
         if not standalone_mode:
             return status
         sys.exit(status if isinstance(status, int) else DONE)
@@ -115,7 +123,15 @@ def _load(name: str, entry: Entry) -> Any:
     return command
 
 
-def _report(error: Exception) -> int:
+def _settled(status: Any) -> Any:
+    """The status, where what belongs on standard output has arrived there or nobody waits for it."""
+    with suppress(ValueError):  # closed by whoever took it for the command
+        sys.stdout.flush()
+    why = streams.loss()
+    return status if why is None or status else _say(f"standard output: {why}", FAILED)
+
+
+def _report(error: BaseException) -> int:
     """Say on standard error what went wrong, in one line; returns the exit status."""
     from drivers.errors import DriverError
     from service.errors import ConfigurationError, ServiceError
@@ -123,11 +139,8 @@ def _report(error: Exception) -> int:
 
     if os.environ.get("LIDARBOOST_DEBUG"):
         raise error
-    if isinstance(error, BrokenPipeError):
-        sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123 — or Python complains again when it flushes at exit
-        return FAILED
-    if isinstance(error, typer.Abort):
-        return _say("interrupted", _INTERRUPTED)
+    if isinstance(error, (typer.Abort, KeyboardInterrupt)):
+        return _say("interrupted", INTERRUPTED)
     if isinstance(error, typer.TyperException):
         return _say(_usage(error), error.exit_code)
     if isinstance(error, ConfigurationError):
@@ -185,9 +198,12 @@ def _root(
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
         raise typer.Exit(USAGE)
+    if context.invoked_subcommand not in _STOPPING:
+        context.with_resource(signals.interrupting())
 
 
 def main() -> NoReturn:
-    """The console command `lidarboost`."""
+    """Run the command line; raises SystemExit."""
+    streams.settle()
     app(prog_name="lidarboost")
     raise SystemExit(DONE)

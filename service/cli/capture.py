@@ -18,6 +18,8 @@ def capture(
 ) -> None:
     """Record a few frames as they are, without moving the stage, and draw them (FILE.png).
 
+    Ctrl-C ends it early, and keeps what came until then.
+
     [bold]Examples[/bold]
 
       lidarboost capture -n 10 -o look.mcap
@@ -25,6 +27,7 @@ def capture(
       lidarboost capture -n 50 -o wall-2m.mcap -c rig.toml      (for lidarboost calibrate)
     """
     import json
+    from itertools import takewhile
 
     import numpy as np
 
@@ -32,12 +35,14 @@ def capture(
     from service.config.file import load
     from service.errors import OutputError
     from service.jobs.quick_look import draw_frames, record_frames
+    from service.signals import stopping
 
     if output.exists() and not force:
         raise OutputError(f"{output} exists already; choose another name, or replace it with --force")
     configuration = load(config)
-    with live(configuration) as grabber:
-        kept = record_frames(output, filmed(grabber, frames), grabber.rig, configuration)
+    with stopping() as signals, live(configuration) as grabber:
+        wanted = takewhile(lambda _: not signals.told, filmed(grabber, frames))
+        kept = record_frames(output, wanted, grabber.rig, configuration)
         dropped, model = grabber.counts.dropped, grabber.rig.camera.capabilities.model
     picture = output.with_suffix(".png")
     draw_frames(picture, kept)

@@ -50,10 +50,12 @@ def check(
 def schema() -> None:
     """Print the JSON schema of the configuration: every key with its unit, bounds, default and meaning.
 
+    With the options of every camera and stage backend that can be loaded here.
+
     [bold]Example[/bold]  lidarboost config schema > lidarboost.schema.json
     """
     import json
 
-    from service.config.file import schema as found
+    from service.config.schema import schema as found
 
     print(json.dumps(found(), indent=2, ensure_ascii=False))

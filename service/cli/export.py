@@ -1,6 +1,7 @@
 """`lidarboost export`: frames and fused maps as NumPy arrays or point clouds."""
 
 import sys
+from collections import deque
 from itertools import islice
 from pathlib import Path
 from typing import Annotated
@@ -18,6 +19,7 @@ def export(
     number: Annotated[
         int, typer.Option(min=0, help="Which map or frame becomes the point cloud, from 0.")
     ] = 0,
+    latest: Annotated[bool, typer.Option("--latest", help="The last map or frame instead.")] = False,
     every: Annotated[
         bool, typer.Option("--all", help="Every map or frame: OUT-0000.ply, OUT-0001.ply, ….")
     ] = False,
@@ -37,6 +39,8 @@ def export(
     from service.errors import ConfigurationError, OutputError
     from service.jobs.export import clouds, export_arrays, export_cloud
 
+    if every and latest:
+        raise typer.BadParameter("--all and --latest exclude each other")
     if output.suffix not in (".npz", ".ply"):
         raise ConfigurationError(f"--output: {output} is of no kind known here; expected .npz or .ply")
     if output.exists() and not (force or every):
@@ -45,9 +49,10 @@ def export(
     if output.suffix == ".npz":
         print(f"{output}: {export_arrays(recording, output)}")
     else:
-        chosen = enumerate(clouds(recording))
+        found = enumerate(clouds(recording))
+        chosen = found if every else deque(found, 1) if latest else islice(found, number, number + 1)
         written = 0
-        for index, points in chosen if every else islice(chosen, number, number + 1):
+        for index, points in chosen:
             path = output.with_name(f"{output.stem}-{index:04d}{output.suffix}") if every else output
             if path.exists() and not force:
                 raise OutputError(f"{path} exists already; choose another name, or replace it with --force")

@@ -60,14 +60,15 @@ def _lines(summary: "RecordingSummary") -> Iterator[tuple[str, str]]:
     for key, value in sorted(summary.metadata.items()):
         yield "metadata", f"{key} = {value}"
     yield "damage", summary.damage_text or "none, checksums agree"
-    if summary.damage is not None:
+    if summary.damage is not None and (summary.topics or summary.attachments or summary.metadata):
         yield "", f"to make a whole file of the rest: lidarboost recover {summary.path}"
 
 
 def _frame_lines(frames: "FramesSummary") -> Iterator[tuple[str, str]]:
     rate = "" if frames.rate is None else f", {frames.rate:.2f} Hz"
-    # The numbers alone do not tell a frame that was lost from one that was exposed while the stage moved.
-    drops = f"{frames.drops} numbers left out (dropped, or not kept)" if frames.drops else "none dropped"
+    drops = "none dropped" if frames.drops == 0 else f"{frames.drops} dropped by the camera"
+    if frames.passed:
+        drops += f" ({frames.passed} passed while the stage turned or between bursts)"
     yield (
         "frames",
         f"{frames.count} of {frames.shape[1]} × {frames.shape[0]} pixels{rate}, "

@@ -1,13 +1,8 @@
 """`lidarboost run`: the service itself."""
 
 import logging
-import signal
 import sys
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -17,9 +12,7 @@ if TYPE_CHECKING:
     from service.daemon.daemon import Daemon
     from service.fusion.local import LocalExecutor
     from service.messages.summary import RunSummary
-
-_IMPATIENCE = 2.0
-"""Seconds after which a second signal is meant: `timeout` and some supervisors send each one twice."""
+    from service.signals import Stopping
 
 _REPLAY, _RUN = "Playing a recording", "Running"
 
@@ -89,27 +82,31 @@ def run(
 
     0 done; 1 failed; 2 wrong usage or configuration; 3 done, but data
     was lost: a damaged recording, a burst that could not be fused,
-    something not delivered. A daemon told to stop ends with 0.
+    something not delivered; 130 one pass stopped before its first map.
+    A daemon told to stop ends with 0.
     """
     from service.cli.operator import with_consent
     from service.config.file import load
     from service.fusion.local import LocalExecutor
+    from service.signals import stopping
 
-    _check(replay, speed, loop, once)
-    configuration = with_consent(load(config), home)
-    if replay is not None:
-        configuration = _playing(configuration, replay, speed or (None if once else 1.0), loop)
-    with LocalExecutor.configured(configuration) as executor:  # its process starts while the rest is imported
-        served = _served(configuration, executor, output, home=home, once=once, quiet=as_json)
-    if served is None:
+    with stopping() as signals:
+        _check(replay, speed, loop, once)
+        configuration = with_consent(load(config), home)
+        if replay is not None:
+            configuration = _playing(configuration, replay, speed or (None if once else 1.0), loop)
+        with LocalExecutor.configured(configuration) as executor:  # it starts while the rest is imported
+            summary = _served(configuration, executor, output, signals, home=home, once=once, quiet=as_json)
+    if summary is None:
+        if once:
+            raise typer.Abort
         return
-    summary, told = served
     if as_json:
         print(summary.model_dump_json(indent=2))
     else:
         _tell(summary)
     # A daemon that was told to stop has done its work, whatever it lost on the way.
-    if summary.lost and not (told and not once):
+    if summary.lost and not (signals.told and not once):
         raise typer.Exit(3)
 
 
@@ -117,12 +114,13 @@ def _served(
     configuration: "Configuration",
     executor: "LocalExecutor",
     output: Path | None,
+    signals: "Stopping",
     *,
     home: bool,
     once: bool,
     quiet: bool,
-) -> "tuple[RunSummary, bool] | None":
-    """Run the service; what it did and whether it was told to stop, None where it was before it began."""
+) -> "RunSummary | None":
+    """Run the service; what it did, None where it was told to stop before it began."""
     from drivers.errors import MotionStoppedError
     from service.capture.rig import make_rig
     from service.cli.operator import TerminalOperator
@@ -133,22 +131,18 @@ def _served(
     log_to_stream(logging.WARNING if once or quiet else logging.INFO)
     rig = make_rig(configuration, operator=TerminalOperator(home, sees_log=not (once or quiet)))
     sinks = {"progress": progress_sink()} if once and not quiet else {}
-    with _stopped_by_signals() as signals:
-        try:
-            summary = run_service(
-                configuration,
-                rig,
-                output=output,
-                once=once,
-                sinks=sinks,
-                executor=executor,
-                started=signals.stops,
-            )
-        except MotionStoppedError as error:  # while the stage was opened: there is nothing to sum up
-            if once:
-                raise typer.Abort from error
-            return None
-    return summary, signals.told
+
+    def started(daemon: "Daemon") -> None:
+        signals.stops(daemon.stop.set)
+
+    if signals.told:
+        return None
+    try:
+        return run_service(
+            configuration, rig, output=output, once=once, sinks=sinks, executor=executor, started=started
+        )
+    except MotionStoppedError:  # while the stage was opened: there is nothing to sum up
+        return None
 
 
 def _check(replay: Path | None, speed: float | None, loop: bool, once: bool) -> None:
@@ -171,47 +165,6 @@ def _playing(configuration: "Configuration", path: Path, speed: float | None, lo
             "stage": configuration.stage.model_copy(update=stage),
         }
     )
-
-
-class _Signals:
-    """SIGTERM, SIGHUP and Ctrl-C end the run cleanly; another one some seconds later ends it at once."""
-
-    def __init__(self) -> None:
-        self._daemon: Daemon | None = None
-        self._first: float | None = None
-
-    @property
-    def told(self) -> bool:
-        """Whether one came."""
-        return self._first is not None
-
-    def stops(self, daemon: "Daemon") -> None:
-        """From now on they stop this one; one that came before does so now."""
-        self._daemon = daemon
-        if self.told:
-            daemon.stop.set()
-
-    def __call__(self, number: int, _frame: FrameType | None) -> None:
-        now = time.monotonic()
-        self._first = self._first or now
-        if self._daemon is not None:
-            self._daemon.stop.set()
-        if now - self._first > _IMPATIENCE:
-            signal.signal(number, signal.SIG_DFL)
-            signal.raise_signal(number)
-
-
-@contextmanager
-def _stopped_by_signals() -> Iterator[_Signals]:
-    signals = _Signals()
-    before = {
-        number: signal.signal(number, signals) for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
-    }
-    try:
-        yield signals
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _tell(summary: "RunSummary") -> None:

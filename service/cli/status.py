@@ -77,8 +77,13 @@ def _clock(timestamp: int) -> str:
 
 def _recording(told: "Status") -> str:
     recorder = told.recorder
-    if recorder is None or recorder.file is None:
+    if recorder is None:
+        return "off"
+    if recorder.error is not None:
+        return f"nothing: {recorder.error}; {recorder.lost} messages lost"
+    if recorder.file is None:
         return "off"
     free = "" if recorder.free is None else f", {recorder.free / 1e9:.1f} GB free"
     doing = "on" if recorder.recording else "off, last"
-    return f"{doing}: {recorder.file}, {recorder.size / 1e6:.1f} MB{free}"
+    lost = f", {recorder.lost} messages lost" if recorder.lost else ""
+    return f"{doing}: {recorder.file}, {recorder.size / 1e6:.1f} MB{free}{lost}"

@@ -19,6 +19,7 @@ def watch(
 
     from service.jobs.saving import as_json as to_json
     from service.jobs.saving import summarize
+    from service.streams import is_gone
     from service.wire.client import Client
 
     with Client(endpoint, prefix) as client, client.subscribe(topic) as messages:
@@ -27,6 +28,8 @@ def watch(
                 to_json(received) if as_json else f"{_time(received.timestamp)} {summarize(received)}",
                 flush=True,
             )
+            if is_gone():
+                return
 
 
 def _time(timestamp: int | None) -> str:

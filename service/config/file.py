@@ -1,6 +1,7 @@
 """Reads the configuration: file, environment, flags; says clearly what is wrong with them."""
 
 import os
+import re
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from pathlib import Path
@@ -18,6 +19,11 @@ from service.errors import ConfigurationError
 
 PREFIX = "LIDARBOOST_"
 """`LIDARBOOST_FUSION__METHOD=area` overrides `method` in section `[fusion]` of the file."""
+
+_KUBERNETES_PORT = re.compile(r"(\w+_)?PORT(_\d+_(TCP|UDP|SCTP))?")
+_KUBERNETES = re.compile(
+    r"(\w+_)?(SERVICE_HOST|SERVICE_PORT(_\w+)?|PORT_\d+_(TCP|UDP|SCTP)_(PROTO|PORT|ADDR))"
+)
 
 _brief = Repr()
 _brief.maxstring = _brief.maxother = 80
@@ -73,11 +79,6 @@ def load(path: Path | None = None, flags: Mapping[str, Any] | None = None) -> Co
     return Configuration(**{name: getattr(found, name) for name in Configuration.model_fields})
 
 
-def schema() -> dict[str, Any]:
-    """JSON schema of the file."""
-    return Configuration.model_json_schema()
-
-
 def _read(path: Path) -> dict[str, Any]:
     try:
         return parse_toml(path.read_bytes())
@@ -89,17 +90,38 @@ def _read(path: Path) -> dict[str, Any]:
 
 def _check_environment() -> None:
     """Refuse variables that name no section: the settings library passes over them in silence."""
-    for name in os.environ:
-        section = name.removeprefix(PREFIX).lower().split("__")[0]
-        if (
-            name.startswith(PREFIX)
-            and name not in _NOT_CONFIGURATION
-            and section not in Configuration.model_fields
-        ):
-            known = [f"{PREFIX}{field.upper()}" for field in Configuration.model_fields]
-            raise ConfigurationError(
-                f"environment: unknown variable {name}{_nearest(f'{PREFIX}{section.upper()}', known)}"
-            )
+    for name, value in os.environ.items():
+        rest = name.removeprefix(PREFIX)
+        is_ours = name.startswith(PREFIX) and name not in _NOT_CONFIGURATION
+        if not is_ours or _is_kubernetes(rest, value):
+            continue
+        if rest.lower().split("__")[0] not in Configuration.model_fields:
+            raise ConfigurationError(f"environment: unknown variable {name}{_nearest_variable(name)}")
+
+
+def _is_kubernetes(name: str, value: str) -> bool:
+    """Whether a variable tells of a Kubernetes service whose name begins with ours.
+
+    Source: Kubernetes documentation, "Service", environment variables.
+    """
+    if _KUBERNETES.fullmatch(name):
+        return True
+    return "://" in value and _KUBERNETES_PORT.fullmatch(name) is not None
+
+
+def _nearest_variable(name: str) -> str:
+    """What was meant, underscores aside, or what sections there are."""
+    sections = {section.upper(): section.upper() for section in Configuration.model_fields}
+    keys = {
+        f"{section}_{key}".upper(): f"{section}__{key}".upper()
+        for section, field in Configuration.model_fields.items()
+        if (model := _section(field.annotation)) is not None
+        for key in model.model_fields
+    }
+    near = get_close_matches(name.removeprefix(PREFIX).replace("__", "_"), keys | sections, n=1)
+    if near:
+        return f"; did you mean {PREFIX}{(keys | sections)[near[0]]}?"
+    return f"; known here: {', '.join(PREFIX + section for section in sections)}"
 
 
 def _faults(

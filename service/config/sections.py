@@ -136,6 +136,13 @@ class RecordingSection(_Section):
     rotate_duration: float = Field(3600.0, ge=1, le=1e6, description="Seconds until a new file is begun.")
     maps: bool = Field(True, description="Write fused maps too, not frames alone.")
     replays: bool = Field(False, description="Record while a recording is played, too.")
+    preroll: float = Field(
+        2.0,
+        ge=0,
+        le=60,
+        description="Seconds before its start that a recording begins with; for as long nothing is lost "
+        "where the disk cannot be written.",
+    )
     budget: float = Field(20_000.0, ge=1, le=1e9, description="MB of all files; the oldest goes when full.")
 
     @model_validator(mode="after")

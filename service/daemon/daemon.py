@@ -267,9 +267,8 @@ class Daemon:
             self.origin.forget(before)
 
     def _wait_ready(self) -> None:
-        why = "the fusion loads its kernels; on its first run here it compiles them, for about two minutes"
-        self.states.enter("starting", why)
-        self.fusing.wait_ready(self.stop)
+        for progress in self.fusing.waiting(self.stop):
+            self.states.enter("starting", f"the fusion {progress}")
 
     def _finish(self) -> None:
         told = self.stop.is_set()

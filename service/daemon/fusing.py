@@ -1,7 +1,7 @@
 """Bursts and frames on their way to maps: what becomes of them is told as events."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from threading import Event as Flag
 
 import numpy as np
@@ -37,9 +37,10 @@ class Fusing:
         self._grid_moved = False
         self._streams = 0
 
-    def wait_ready(self, stop: Flag) -> None:
-        """Wait until the kernels are compiled; raises `WorkerError` where the fusion was given up."""
+    def waiting(self, stop: Flag) -> Iterator[str]:
+        """What is done until the kernels are compiled; raises `WorkerError` where the fusion was given up."""
         while not stop.is_set():
+            yield self.executor.progress
             try:
                 self.executor.ready.result(timeout=0.2)
                 return

@@ -3,6 +3,7 @@
 import logging
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -10,29 +11,39 @@ from service.messages.events import Event, Logged
 
 _LOGGERS = ("service", "drivers", "solver")
 _QUIET = 10.0
-"""Seconds in which the same message is not said again."""
+"""Seconds in which the same warning is not said again."""
+
+_DIFFERENT = 5
+"""Different warnings from one place that are said in that time."""
 
 
 class RepeatFilter(logging.Filter):
-    """Lets a message (by its place in the code) through once in ten seconds, and says how often it came."""
+    """Thins out what is repeated, and says how often it came.
+
+    Within ten seconds a warning is said once, and of those from one place in the code, however they differ
+    in names and numbers, five.
+    """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__()
         self._clock = clock
-        self._said: dict[tuple[str, int], float] = {}
+        self._said: dict[tuple[str, int], deque[tuple[float, str]]] = {}
         self._held: dict[tuple[str, int], int] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
-        place = record.pathname, record.lineno
-        now = self._clock()
-        if now - self._said.get(place, -_QUIET) < _QUIET and record.levelno >= logging.WARNING:
+        if record.levelno < logging.WARNING:
+            return True
+        place, text, now = (record.pathname, record.lineno), record.getMessage(), self._clock()
+        said = self._said.setdefault(place, deque(maxlen=_DIFFERENT))
+        while said and now - said[0][0] >= _QUIET:
+            said.popleft()
+        if len(said) == _DIFFERENT or any(text == former for _, former in said):
             self._held[place] = self._held.get(place, 0) + 1
             return False
-        self._said[place] = now
+        said.append((now, text))
         held = self._held.pop(place, 0)
         if held:
-            record.msg = f"{record.getMessage()} (and {held} times more since)"
-            record.args = None
+            record.msg, record.args = f"{text} (and {held} times more since)", None
         return True
 
 

@@ -57,7 +57,7 @@ class Monitor:
         lost = {sink.name: sink.dropped for sink in sinks}
         recorder, camera = self._bus.sink(RECORDER), daemon.camera
         return Status(
-            timestamp=self._rig.clock.now(),
+            timestamp=self._rig.clock.now() + self._rig.clock.correction(),
             version=software_version(),
             state=states.state,
             reason=states.reason,
@@ -129,7 +129,8 @@ class Monitor:
             f"STATUS={status.state}, {status.rates.frames:.1f} frames/s, {status.totals.fused} maps, "
             f"{status.drops.camera} frames dropped"
         )
-        progress = self._rig.beats + status.totals.frames
+        tried = status.totals.frames + status.drops.stale + status.drops.faults
+        progress = self._rig.beats + tried
         alive = progress != self._seen
         self._seen = progress
         notify(line, *([WATCHDOG] if alive else []))

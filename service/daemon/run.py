@@ -15,10 +15,10 @@ from service.fusion.local import LocalExecutor
 from service.messages.summary import BurstSummary, RunSummary
 from service.sinks.bus import Bus
 from service.sinks.configured import configured_sinks
+from service.sinks.file_series import FileSeries
 from service.sinks.pictures import Pictures
 from service.sinks.publisher import Publisher
 from service.sinks.recorder import RECORDER, Recorder, recorder_of
-from service.sinks.recording_directory import FileSeries
 from service.sinks.sink import Sink
 from service.sinks.summaries import Summaries
 from service.wire.session import open_session
@@ -57,6 +57,7 @@ def run_service(
         SessionError: no Zenoh session.
         OutputError: the output directory cannot be made.
         DriverError, ServiceError: as `Daemon.run`; nothing is left in `output` then.
+        KeyboardInterrupt: one pass was told to stop before its first map; the same.
     """
     began = time.monotonic()
     summaries: deque[BurstSummary] = deque(maxlen=1000)
@@ -78,6 +79,8 @@ def run_service(
         stack.enter_context(commanded(daemon, session))
         started(daemon)
         daemon.run()
+        if once and daemon.stop.is_set() and daemon.ledger.fused == 0:
+            raise KeyboardInterrupt  # there is nothing to hand over
         publisher = bus.sink("publisher")
         bus.close(_HANDOVER_TOLD if daemon.stop.is_set() else _HANDOVER)
         published = publisher.published if isinstance(publisher, Publisher) else 0

@@ -63,6 +63,14 @@ def check_disk(configuration: Configuration) -> Iterator[Check]:
     """Can recordings be written, and is there room?"""
     folder = configuration.recording.directory.absolute()
     there = next(path for path in (folder, *folder.parents) if path.exists())
+    if not there.is_dir():
+        yield Check(
+            name="disk",
+            state="problem",
+            finding=f"{there} is no directory (for recording.directory {folder})",
+            remedy="[recording] directory = another one  (in the configuration)",
+        )
+        return
     if not os.access(there, os.W_OK):
         yield Check(
             name="disk",

@@ -1,16 +1,18 @@
 """What runs inside the fusion's process: jobs in, maps out."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
 
 from drivers.calibration import Calibration, Intrinsics
 from drivers.frame import Frame
 from service.fusion.fuse import fuse_burst
-from service.fusion.job import Answer, BurstJob, Failure, FrameJob, Job, Ready, WarmUp
+from service.fusion.job import Answer, BurstJob, Compiling, Failure, FrameJob, Job, Ready, WarmUp
 from service.fusion.streams import Stream
 from service.messages.burst import Burst
+from service.processes.worker import tell
 from solver.errors import FusionError
 
 
@@ -43,6 +45,33 @@ def _stream(streams: dict[int, Stream], job: FrameJob) -> Stream:
 def _warm_up(request: WarmUp) -> Ready:
     """Compile the kernels of the configured method on a small scene: a step, seen by some frames."""
     began = time.perf_counter()
+    with _compilations_told():
+        _fuse_small_scenes(request)
+    return Ready(time.perf_counter() - began)
+
+
+@contextmanager
+def _compilations_told() -> Iterator[None]:
+    """Tell of every kernel that is compiled meanwhile; what a kernel is made of counts with it."""
+    from numba.core import event
+
+    class Listener(event.Listener):
+        depth = kernels = 0
+
+        def on_start(self, _: object) -> None:
+            self.depth += 1
+
+        def on_end(self, _: object) -> None:
+            self.depth -= 1
+            if self.depth == 0:
+                self.kernels += 1
+                tell(Compiling(self.kernels))
+
+    with event.install_listener("numba:compile", Listener()):
+        yield
+
+
+def _fuse_small_scenes(request: WarmUp) -> None:
     frames, calibration = _small_scene(3 if request.window is None else request.window + 3)
     fuse_burst(Burst(0, frames[:3], calibration, 3), request.settings)
     if request.window is not None:
@@ -53,7 +82,6 @@ def _warm_up(request: WarmUp) -> Ready:
         stream = Stream(jobs[0])
         for job in jobs:
             stream.push(job)
-    return Ready(time.perf_counter() - began)
 
 
 def _small_scene(count: int) -> tuple[tuple[Frame, ...], Calibration]:

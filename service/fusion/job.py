@@ -71,6 +71,13 @@ class Ready:
 
 
 @dataclass(frozen=True, slots=True)
+class Compiling:
+    """How many kernels were compiled so far, none of which lay on the disk."""
+
+    kernels: int
+
+
+@dataclass(frozen=True, slots=True)
 class Failure:
     """A job that could not be done, and why."""
 

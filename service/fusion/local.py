@@ -11,7 +11,7 @@ from typing import Self
 from service.config.sections import Configuration, FusionSection
 from service.errors import HungError, WorkerError
 from service.fusion.deadline import Deadline
-from service.fusion.job import Answer, Failure, Job, Ready, WarmUp
+from service.fusion.job import Answer, Compiling, Failure, Job, Ready, WarmUp
 from service.messages.map import FusedMap
 from service.messages.status import FusionState
 from service.processes.worker import Worker
@@ -19,6 +19,9 @@ from solver.errors import FusionError
 
 _START_TIMEOUT = 600.0
 """Seconds to import and compile the kernels: a few; two minutes where nothing is cached yet."""
+
+_BETWEEN_WORDS = 3.0
+"""Seconds between two words on how many kernels are compiled; loading all of them takes less."""
 
 _STARTS = 3
 """Starts in a row that may fail before the executor is given up."""
@@ -47,6 +50,9 @@ class LocalExecutor:
         self._restarts = self._hung = 0
         self._error: str | None = None
         self._closing = False
+        self._told = time.monotonic()
+        self.progress = "loads its kernels"
+        """What it does until it is ready, in words."""
         self.ready: Future[float] = Future()
         """Seconds that it took until the kernels were ready; raises `WorkerError` where it was given up."""
         self._thread = Thread(target=self._run, name="fusion", daemon=True)
@@ -149,12 +155,21 @@ class LocalExecutor:
         _log.error("%s over number %d; it is started again", error, job.number)
         self._start()
 
+    def _compiling(self, so_far: Compiling) -> None:
+        """Say how far it is, now and then."""
+        now = time.monotonic()
+        if now - self._told >= _BETWEEN_WORDS:
+            self._told = now
+            self.progress = f"compiles its kernels, once on this machine: {so_far.kernels} so far"
+            _log.info("the fusion %s", self.progress)
+
     def _start(self) -> float:
         """Start the process and have it ready; raises `WorkerError` where that cannot be done."""
         for attempt in range(1, _STARTS + 1):
             try:
                 self._worker.start()
-                answer: Answer = self._worker.ask(WarmUp(self._settings, self._window), _START_TIMEOUT)
+                request = WarmUp(self._settings, self._window)
+                answer: Answer = self._worker.ask(request, _START_TIMEOUT, self._compiling)
             except WorkerError as error:
                 if attempt == _STARTS or self._closing:
                     self._worker.kill()

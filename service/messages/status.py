@@ -69,7 +69,9 @@ class RecorderState(_Part):
     file: str | None = Field(None, description="The file being written, or the last one.")
     size: int = Field(0, ge=0, description="Bytes in it.")
     messages: int = Field(0, ge=0, description="Messages written by this recorder.")
+    lost: int = Field(0, ge=0, description="Messages that it could not write.")
     free: int | None = Field(None, description="Bytes free on the disk; none while nothing was recorded.")
+    error: str | None = Field(None, description="Why nothing can be recorded at present; none = it can.")
 
 
 class SinkState(_Part):
@@ -81,7 +83,7 @@ class SinkState(_Part):
     )
     waiting: int = Field(0, ge=0, description="Events in its queue.")
     taken: int = Field(0, ge=0, description="Events worked off.")
-    dropped: int = Field(0, ge=0, description="Events lost to it.")
+    dropped: int = Field(0, ge=0, description="Events lost to it; of a recorder: messages.")
     faults: int = Field(0, ge=0, description="Times that it failed.")
     abandoned: int = Field(0, ge=0, description="Times that it hung and was given up.")
     error: str | None = Field(None, description="Why it does not run, or its last fault; none = none.")

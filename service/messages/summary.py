@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from drivers.names import Shown
 from service.messages.events import MapFused
 from service.messages.map import FusedMap
 from service.messages.quality import Errors, judge
@@ -36,9 +37,9 @@ class RunSummary(_Part):
     fused: tuple[BurstSummary, ...] = Field(description="The last bursts fused (at most 1000).")
     maps: int = Field(ge=0, description="Bursts fused.")
     published: int = Field(ge=0, description="Messages handed to the publisher.")
-    files: tuple[str, ...] = Field(description="Files written.")
+    files: tuple[Shown, ...] = Field(description="Files written.")
     seconds: float = Field(ge=0, description="From opening the devices to the last thing handed over.")
-    lost: tuple[str, ...] = Field(description="What was lost, in words; empty = nothing.")
+    lost: tuple[Shown, ...] = Field(description="What was lost, in words; empty = nothing.")
 
 
 def summary_of(event: MapFused) -> BurstSummary:
@@ -55,7 +56,7 @@ def describe(burst: BurstSummary) -> str:
     """One burst in one line, with units."""
     report, errors = burst.report, burst.errors
     parts = [
-        f"burst {report.burst}: {len(report.used)} of {report.frames} frames",
+        f"burst {report.burst}: {len(report.used)} of {report.frames + report.missing} frames",
         f"{report.width} × {report.height} pixels",
         report.method + ("" if report.regularization is None else f", λ {report.regularization:.3g}"),
     ]

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from importlib import import_module
 from threading import Lock
 from typing import Any
@@ -21,6 +22,13 @@ _START = (
     "import sys; sys.path[:] = {path!r}; "
     "from service.processes.worker import serve; serve({fd}, {work!r}, {nice})"
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Interim:
+    """Something that is said before the answer."""
+
+    value: Any
 
 
 class Worker:
@@ -73,8 +81,13 @@ class Worker:
         with self._killing:
             self._process, self._channel = process, ours
 
-    def ask(self, request: object, timeout: float) -> Any:
+    def ask(self, request: object, timeout: float, interim: Callable[[Any], None] = lambda _: None) -> Any:
         """What it answers to a request.
+
+        Args:
+            request: what is asked for.
+            timeout: seconds that it may take from one word to the next.
+            interim: called with what it says on the way, by `tell`.
 
         Raises:
             HungError: it gave no answer within `timeout` seconds.
@@ -85,7 +98,9 @@ class Worker:
             raise WorkerError(f"the {self._name} is closed")
         try:
             channel.send(request)
-            return channel.receive(timeout, self._cancelled)
+            while isinstance(said := channel.receive(timeout, self._cancelled), Interim):
+                interim(said.value)
+            return said
         except TimeoutError as error:
             raise HungError(f"the {self._name} gave no answer within {timeout:g} s") from error
         except (EOFError, WorkerError) as error:
@@ -114,12 +129,23 @@ class Worker:
         return f"signal {-code}" if code < 0 else f"exit status {code}"
 
 
+def tell(value: object) -> None:
+    """Inside the process: say something before the answer; nothing happens elsewhere."""
+    for channel in _serving:
+        channel.send(Interim(value))
+
+
+_serving: list[Channel] = []
+"""Inside the process: its connection."""
+
+
 def serve(descriptor: int, work: str, niceness: int) -> None:
     """What runs inside the process: answers until the connection ends."""
     import socket
 
     os.nice(niceness)
     channel = Channel(socket.socket(fileno=descriptor))
+    _serving.append(channel)
     module, _, name = work.partition(":")
     answer = getattr(import_module(module), name)()
     with suppress(EOFError, WorkerError):

@@ -1,22 +1,27 @@
-"""Where a running service keeps its recordings: files by time, the oldest deleted to keep a budget."""
+"""Where a running service keeps its recordings: files by number, the oldest deleted to keep a budget."""
 
-import itertools
+import logging
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
+from threading import Lock
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from drivers.recording.locks import is_used
+from drivers.recording.output import WORKING_SUFFIX
 from service.config.sections import RecordingSection
 from service.errors import OutputError
+from service.files import recording_number, recordings_in
 
 MEGABYTE = 1_000_000
-_NAME = re.compile(r"\d{8}T\d{6}Z(-\d+)?(\.torn\d*)?(\.recovered)?\.mcap(\.active)?")
 _KIND = re.compile(r"\.mcap(\.active)?$")
 _KEEP = ".keep"
+
+_log = logging.getLogger(__name__)
 
 
 class RecordedFile(BaseModel):
@@ -34,10 +39,12 @@ class RecordedFile(BaseModel):
 
 
 class RecordingDirectory:
-    """A directory of recordings `20260131T235959Z.mcap`, each marked to keep by an empty file `….mcap.keep`.
+    """A directory of recordings `20260131T235959Z-000017.mcap`, marked to keep by an empty `….mcap.keep`.
 
-    Only files named like that are ever counted or deleted. Room for one whole file is made before that file
-    is begun, so the true peak on disk is the budget, plus what the last file runs over its limit (one burst).
+    The number rises from file to file and says which is older: the time in the name, and that of the file
+    system, are wrong where the clock was. Only files named like that are ever counted or deleted, and none
+    that is marked, played or read. Room for one whole file is made before that file is begun, so the true
+    peak on disk is the budget, plus what the last file runs over its limit (one burst).
 
     Args:
         section: directory, size and duration of a file, budget.
@@ -46,33 +53,29 @@ class RecordingDirectory:
 
     def __init__(self, section: RecordingSection, now: Callable[[], int]) -> None:
         self._section, self._now = section, now
+        self._changing = Lock()
 
     @property
     def directory(self) -> Path:
         return self._section.directory
 
-    def prepare(self) -> None:
-        """Make the directory; raises as `next_path`."""
-        try:
-            self.directory.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise self._refused(error) from error
-
     def next_path(self) -> Path:
         """A new name, with room made for the file.
 
         Raises:
-            OutputError: the directory cannot be made, or kept recordings fill the budget.
+            OutputError: the directory cannot be made, or what must not be deleted fills the budget.
         """
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
-            self._make_room()
+            self.make_room(self._section.rotate_size)
+            last = max(map(recording_number, self.recordings()), default=0)
         except OSError as error:
-            raise self._refused(error) from error
-        stem = datetime.fromtimestamp(self._now() / 1e9, UTC).strftime("%Y%m%dT%H%M%SZ")
-        names = [f"{stem}.mcap", *(f"{stem}-{number}.mcap" for number in range(2, 100))]
-        taken = {path.name.removesuffix(".active") for path in self.directory.iterdir()}
-        return self.directory / next(name for name in names if name not in taken)
+            raise OutputError(
+                f"{self.directory}: recordings cannot be kept here ({error.strerror}); mend that, or choose "
+                "another recording.directory"
+            ) from error
+        stamp = datetime.fromtimestamp(self._now() / 1e9, UTC).strftime("%Y%m%dT%H%M%SZ")
+        return self.directory / f"{stamp}-{last + 1:06d}.mcap"
 
     def is_full(self, size: float, age: float) -> bool:
         """Whether a file of `size` bytes, `age` seconds old, has reached its limit."""
@@ -101,73 +104,63 @@ class RecordingDirectory:
 
     def recordings(self) -> list[Path]:
         """All recordings, oldest first, those being written included."""
-        found = [path for path in self.directory.iterdir() if _NAME.fullmatch(path.name)]
-        return sorted(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
+        return recordings_in(self.directory)
 
-    def _refused(self, error: OSError) -> OutputError:
-        return OutputError(
-            f"{self.directory}: recordings cannot be kept here ({error.strerror}); choose another "
-            "recording.directory"
-        )
+    def leftovers(self) -> list[Path]:
+        """Files with a working name, oldest first: being written, or left by a service that was killed."""
+        return [path for path in self.recordings() if path.suffix == WORKING_SUFFIX]
 
-    def _make_room(self) -> None:
-        sizes = {path: path.stat().st_size for path in self.recordings()}
-        excess = sum(sizes.values()) - (self._section.budget - self._section.rotate_size) * MEGABYTE
-        for path, size in sizes.items():
-            if excess > 0 and path.suffix == ".mcap" and not _mark(path).exists():
-                path.unlink()
-                excess -= size
-        if excess > 0:
-            raise OutputError(
-                f"{self.directory}: recordings marked to keep leave no room for "
-                f"{self._section.rotate_size:g} MB more within {self._section.budget:g} MB; move some away, "
-                f"remove their {_KEEP} marks or raise recording.budget"
-            )
+    def make_room(self, megabytes: float) -> None:
+        """Delete the oldest until so much more fits into the budget.
+
+        Raises:
+            OutputError: what must not be deleted leaves no room.
+            OSError: the directory cannot be read.
+        """
+        with self._changing:
+            sizes = {path: _size(path) for path in self.recordings()}
+            excess = sum(sizes.values()) - (self._section.budget - megabytes) * MEGABYTE
+            deletable = {path: size for path, size in sizes.items() if not _mark(path).exists()}
+            if delete_oldest(deletable, excess) > 0:
+                raise OutputError(
+                    f"{self.directory}: recordings marked to keep, played or written leave no room for "
+                    f"{megabytes:g} MB more within {self._section.budget:g} MB; move some away, remove "
+                    f"their {_KEEP} marks or raise recording.budget"
+                )
 
 
-class FileSeries:
-    """Files of one run, `fused.mcap`, `fused-2.mcap`, …, none of which overwrites another.
+def delete_oldest(sizes: Mapping[Path, int], excess: float) -> float:
+    """Delete files that nobody writes or reads, the first ones first.
 
     Args:
-        path: of the first.
-        rotate_size: MB after which the next is begun.
-        budget: MB of all; where that is exceeded the oldest goes. None = all are kept.
+        sizes: bytes of each file.
+        excess: bytes to be freed.
+
+    Returns:
+        Bytes that could not be freed.
     """
-
-    def __init__(self, path: Path, rotate_size: float, budget: float | None) -> None:
-        self._path, self._rotate_size, self._budget = path, rotate_size, budget
-        self._written: list[Path] = []
-
-    def prepare(self) -> None:
-        """Make the directory; raises `OutputError` where that cannot be done."""
+    for path, size in sizes.items():
+        if excess <= 0:
+            break
         try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
+            used = is_used(path)
+            if used or (used is None and path.suffix == WORKING_SUFFIX):
+                continue
+            path.unlink()
+        except FileNotFoundError:
+            pass
         except OSError as error:
-            raise OutputError(
-                f"{self._path.parent}: cannot be made ({error.strerror}); name another"
-            ) from error
+            _log.warning("%s cannot be deleted: %s", path, error.strerror)
+            continue
+        excess -= size
+    return excess
 
-    def next_path(self) -> Path:
-        """The first name that is free, with room made for the file."""
-        self._make_room()
-        names = itertools.chain(
-            [self._path],
-            (self._path.with_stem(f"{self._path.stem}-{number}") for number in itertools.count(2)),
-        )
-        path = next(p for p in names if not p.exists() and not p.with_name(p.name + ".active").exists())
-        self._written.append(path)
-        return path
 
-    def is_full(self, size: float, age: float) -> bool:  # noqa: ARG002
-        return size >= self._rotate_size * MEGABYTE
-
-    def _make_room(self) -> None:
-        if self._budget is None:
-            return
-        kept = [path for path in self._written if path.exists()]
-        while kept and sum(p.stat().st_size for p in kept) > (self._budget - self._rotate_size) * MEGABYTE:
-            kept.pop(0).unlink()
-        self._written = kept
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except FileNotFoundError:  # renamed or deleted meanwhile
+        return 0
 
 
 def _described(path: Path, is_written: bool) -> RecordedFile:
@@ -182,4 +175,5 @@ def _described(path: Path, is_written: bool) -> RecordedFile:
 
 
 def _mark(path: Path) -> Path:
-    return path.with_name(path.name.removesuffix(".active") + _KEEP)
+    whole = re.sub(r"\.torn\d*", "", path.name.removesuffix(WORKING_SUFFIX))
+    return path.with_name(whole + _KEEP)

@@ -24,7 +24,7 @@ _HANG, _TIMES_USUAL = 10.0, 10.0
 """A sink hangs that works on one event for that many seconds and that many times as long as ever before."""
 
 _ABANDONED = 3
-"""Threads that hang at one time before the sink is given up; one that came back after all costs nothing."""
+"""Hanging threads at most; then the sink waits until they come back."""
 
 _FIRST_WAIT, _LONGEST_WAIT = 0.5, 30.0
 """Seconds before the first restart, and at most between later ones."""
@@ -63,6 +63,8 @@ class SinkRunner:
     ) -> None:
         self.name = name
         self._make, self._lasting, self._lossless, self._patience = make, lasting, lossless, patience
+        self._worth: Callable[[Event], int] = lambda _: 1
+        self._unit = "events"
         self._wants: tuple[type[Event], ...] = (Event,)
         self._state: Literal["running", "restarting", "failed", "ended"] = "running"
         self._taken = self._dropped = self._faults = self._abandoned = self._told = 0
@@ -71,7 +73,7 @@ class SinkRunner:
         self._error: str | None = None
         self._files: list[str] = []
         self._losses: list[str] = []
-        self._discarding = self._may_skip = False
+        self._discarding = self._may_skip = self._waits = False
         self._over = Flag()
         self._lock = Lock()
 
@@ -91,6 +93,7 @@ class SinkRunner:
             raise SinkError(f"sink {self.name!r} cannot begin: {type(error).__name__}: {error}") from error
         self._wants, self._slowest = sink.wants, sink.slowest
         self._may_skip = sink.newest_suffice and not self._lossless
+        self._unit, self._worth = sink.unit, sink.worth
         self._queue: BoundedQueue[Event] = BoundedQueue(
             sink.room.events,
             sink.room.size,
@@ -118,13 +121,25 @@ class SinkRunner:
         limit = max(self._patience.hang, self._slowest, _TIMES_USUAL * self._longest)
         if attempt.began is not None and now - attempt.began > limit and self._state != "failed":
             self._abandon(f"it hung for {now - attempt.began:.0f} s")
-            if len(self._hanging) >= _ABANDONED:
-                self._give_up(f"{len(self._hanging)} of its threads hang")
-            else:
-                self._begin(None)
-        if self._dropped > self._told and not self._may_skip:
-            _log.warning("sink %s: %d events lost so far", self.name, self._dropped)
-            self._told = self._dropped
+            self._begin_unless_all_hang()
+        elif self._waits:
+            self._begin_unless_all_hang()
+        dropped = self.state.dropped
+        if dropped > self._told and not self._may_skip:
+            _log.warning("sink %s: %d %s lost so far", self.name, dropped, self._unit)
+            self._told = dropped
+
+    def _begin_unless_all_hang(self) -> None:
+        """Begin another thread, where not too many hang; what hung on a disk or a share may come back."""
+        self._hanging = [thread for thread in self._hanging if thread.is_alive()]
+        if len(self._hanging) < _ABANDONED:
+            self._waits = False
+            self._begin(None)
+        elif not self._waits:
+            self._waits, self._state = True, "failed"
+            self._error = f"it hung {self._abandoned} times; it goes on once what it waits for comes back"
+            _log.error("sink %s: %s", self.name, self._error)
+            self._queue.clear()
 
     def wait_empty(self, timeout: float) -> bool:
         """Whether all that was put is worked off within `timeout` seconds."""
@@ -164,16 +179,18 @@ class SinkRunner:
 
     @property
     def state(self) -> SinkState:
-        """How it is doing."""
+        """How it is doing; one that is at fault and tries again by itself counts as restarting."""
+        sink = self.sink
+        fault = sink.fault if sink is not None and self._state == "running" else None
         return SinkState(
             name=self.name,
-            state=self._state,
+            state=self._state if fault is None else "restarting",
             waiting=len(self._queue),
             taken=self._taken,
-            dropped=self._dropped,
+            dropped=self._dropped + (0 if sink is None else sink.lost),
             faults=self._faults,
             abandoned=self._abandoned,
-            error=self._error,
+            error=fault or self._error,
         )
 
     @property
@@ -188,9 +205,10 @@ class SinkRunner:
         sink = self.sink
         said = self._losses + list(sink.losses if sink is not None else ())
         skipped_only = self._may_skip and not self._faults
-        if (self._dropped and not skipped_only) or self._state == "failed":
+        dropped = self.state.dropped
+        if (dropped and not skipped_only) or self._state == "failed":
             why = f" ({self._error})" if self._error else ""
-            said.append(f"{self.name}: {self._dropped} events lost{why}")
+            said.append(f"{self.name}: {dropped} {self._unit} lost{why}")
         return said
 
     def _begin(self, sink: Sink | None) -> None:
@@ -280,6 +298,7 @@ class SinkRunner:
         with suppress(Exception):
             self._files += sink.files
             self._losses += sink.losses
+            self._dropped += sink.lost
 
     def _abandon(self, why: str) -> None:
         attempt = self._attempt
@@ -304,6 +323,7 @@ class SinkRunner:
         self._queue.close()
         self._queue.clear()
 
-    def _drop(self, event: Event) -> None:  # noqa: ARG002
+    def _drop(self, event: Event) -> None:
+        worth = self._worth(event)
         with self._lock:
-            self._dropped += 1
+            self._dropped += worth

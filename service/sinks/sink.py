@@ -44,6 +44,9 @@ class Sink:
     newest_suffice: ClassVar[bool] = False
     slowest: ClassVar[float] = 0.0
 
+    unit: ClassVar[str] = "events"
+    """What is counted as lost."""
+
     Options: ClassVar[type[BaseModel]] = NoOptions
     """What a configuration may set, checked."""
 
@@ -76,3 +79,17 @@ class Sink:
     def losses(self) -> tuple[str, ...]:
         """What got lost in it, in words."""
         return ()
+
+    @property
+    def fault(self) -> str | None:
+        """Why it cannot do its work at present, while it tries again by itself; None = it can."""
+        return None
+
+    @property
+    def lost(self) -> int:
+        """How much it has lost so far, in its unit, of what it was given."""
+        return 0
+
+    def worth(self, event: Event) -> int:  # noqa: ARG002
+        """How much is lost with an event that it never gets."""
+        return 1

@@ -1,6 +1,7 @@
 """Recordings: the same frames come back, with all that goes with them."""
 
 import struct
+from dataclasses import replace
 from io import BytesIO
 
 import numpy as np
@@ -164,8 +165,12 @@ def test_summary_has_the_figures(whole):
 
 
 def test_summary_counts_drops_and_tells_damage(tmp_path, whole):
-    lossy = write(tmp_path / "lossy.mcap", [make_frame(number) for number in (0, 1, 5)])
-    assert open_recording(lossy).summary().frames.drops == 3
+    still = [replace(make_frame(number, burst=0), pan=0.1, tilt=0.0) for number in (0, 1, 5)]
+    lossy = open_recording(write(tmp_path / "lossy.mcap", still)).summary().frames
+    assert (lossy.drops, lossy.passed) == (3, 0)
+    turned = [still[0], still[1], replace(still[2], pan=0.101), make_frame(7, burst=1)]
+    healthy = open_recording(write(tmp_path / "healthy.mcap", turned)).summary().frames
+    assert (healthy.drops, healthy.passed) == (0, 4)
     offset, length = chunks(whole)[2]
     summary = Recording(flipped(whole, tmp_path, offset + length // 2)).summary()
     assert summary.damage_text.startswith("damaged chunk")

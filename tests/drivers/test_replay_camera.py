@@ -1,5 +1,7 @@
 """The camera that plays a recording: same frames, absolute schedule, nothing dropped."""
 
+from dataclasses import replace
+
 import pytest
 from made_frames import PERIOD, assert_same_frame, make_bursts
 
@@ -132,3 +134,16 @@ def test_what_cannot_be_played_is_refused_on_open(tmp_path):
     with pytest.raises(RecordingError, match="is not MCAP"):
         camera.open()
     assert not camera.is_open
+
+
+YEARS = 56 * 365 * 24 * 3600 * 10**9
+
+
+def jumping(path, jump):
+    """Six frames; the clock is set before the fourth."""
+    start = 10**18 + YEARS
+    with RecordingWriter(path) as writer:
+        for number, frame in enumerate(make_bursts(2, 3)):
+            at = start + number * PERIOD + (jump if number >= 3 else 0)
+            writer.write_frame(replace(frame, timestamp=at), Mount())
+    return path

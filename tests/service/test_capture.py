@@ -299,3 +299,44 @@ def test_a_burst_of_frames_that_do_not_fit_together_is_refused() -> None:
     calibration = Scene(carried=[]).rig.calibration
     with pytest.raises(RecordingError, match=r"mixes ambiguity ranges of 7\.5 m and 5 m"):
         Burst(0, frames, calibration, 2)
+
+
+class SetClock(VirtualClock):
+    """One that somebody sets."""
+
+    moved = 0
+
+    def correction(self) -> int:
+        return self.moved
+
+
+@pytest.mark.parametrize("moved", [-3600, 86_400])
+def test_a_clock_that_is_set_stamps_the_next_burst_and_disturbs_none(moved: int, monkeypatch) -> None:
+    monkeypatch.setattr("test_capture.VirtualClock", SetClock)
+    scene = Scene()
+    assert isinstance(scene.clock, SetClock)
+    bursts = scene.capture.run()
+    before = next(bursts)
+    scene.clock.moved = moved * 10**9
+    after, later = next(bursts), next(bursts)
+    times = [[f.timestamp for f in burst.frames] for burst in (before, after, later)]
+    apart = (times[1][0] - times[0][-1] - moved * 10**9) / 1e9
+    assert 0 < apart < 2
+    assert 0 < (times[2][0] - times[1][-1]) / 1e9 < 2
+    for burst in times:
+        assert 0 < (burst[-1] - burst[0]) / 1e9 < 5
+    assert scene.counts.stale < 60
+    assert scene.counts.faults == 0
+
+
+def test_a_long_movement_and_a_long_recorded_pause_are_signs_of_life() -> None:
+    scene = Scene()
+    scene.take(1)
+    moving = scene.rig.beats
+    assert moving >= 4
+    silent = Scene(
+        carried=[frame(k, k * PERIOD, burst=0, pose=k) for k in range(3)],
+        camera_faults={call: DeviceTimeoutError("none yet") for call in range(1, 21)},
+    )
+    silent.take(1)
+    assert silent.rig.beats >= 20

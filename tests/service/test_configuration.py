@@ -5,7 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from service.config.file import load, schema
+from drivers import InitialisationError, make_camera, make_stage
+from service.config.file import load
+from service.config.schema import schema
 from service.config.sections import Configuration
 from service.errors import ConfigurationError
 
@@ -101,7 +103,9 @@ def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
             "environment variable LIDARBOOST_FUSION__METHOD: fusion.method",
         ),
         ("LIDARBOOST_FUSION__METOD", "area", "unknown key fusion.metod; did you mean fusion.method?"),
-        ("LIDARBOOST_FUSON__METHOD", "area", "did you mean LIDARBOOST_FUSION?"),
+        ("LIDARBOOST_FUSON__METHOD", "area", "did you mean LIDARBOOST_FUSION__METHOD?"),
+        ("LIDARBOOST_FUSION_FRAMES", "7", "did you mean LIDARBOOST_FUSION__FRAMES?"),
+        ("LIDARBOOST_XYZZY", "7", "known here: LIDARBOOST_START, LIDARBOOST_CAMERA"),
         ("LIDARBOOST_FUSION", "area", "environment"),
     ],
 )
@@ -124,9 +128,36 @@ def test_every_field_says_what_it_means_and_every_number_is_bounded() -> None:
     sections = [part for name, part in found["$defs"].items() if name.endswith("Section")]
     # All but `start` are sections; of `sinks` there may be any number.
     assert len(sections) == len(Configuration.model_fields) - 1
-    for section in sections:
-        for name, field in section["properties"].items():
+    options = [part for name, part in found["$defs"].items() if "Options." in name]
+    assert len(options) == 10
+    for section in [*sections, *options]:
+        for name, field in section.get("properties", {}).items():
             assert field.get("description"), f"{section['title']}.{name} says nothing"
             for choice in field.get("anyOf", [field]):
                 if choice.get("type") in ("number", "integer"):
-                    assert {"minimum", "exclusiveMinimum"} & choice.keys(), f"{section['title']}.{name}"
+                    assert {"minimum", "exclusiveMinimum", "enum"} & choice.keys(), (
+                        f"{section['title']}.{name}"
+                    )
+
+
+def test_the_schema_holds_the_options_of_the_backend_that_is_named() -> None:
+    found = schema()
+    stage = found["$defs"]["StageSection"]
+    (ptu,) = [one for one in stage["allOf"] if one["if"]["properties"]["backend"]["const"] == "ptu"]
+    assert ptu["then"]["properties"]["options"] == {"$ref": "#/$defs/StageOptions.ptu"}
+    options = found["$defs"]["StageOptions.ptu"]
+    assert options["required"] == ["port"]
+    assert options["properties"]["baud_rate"]["maximum"] == 4_500_000
+    assert "degrees" in options["properties"]["pan_limits"]["description"]
+
+
+def test_a_wrong_option_names_the_valid_ones_and_a_value_its_bounds() -> None:
+    with pytest.raises(InitialisationError, match=r"'ptu': .*it knows: .*port, baud_rate"):
+        make_stage("ptu", {"prt": "/dev/ttyUSB0"})
+    with pytest.raises(
+        InitialisationError, match="speed: Input should be less than or equal to 1000"
+    ) as said:
+        make_camera("replay", {"path": "x.mcap", "speed": 2000})
+    assert "it knows" not in str(said.value)
+    with pytest.raises(InitialisationError, match="it knows: none"):
+        make_stage("none", {"port": "x"})

@@ -22,7 +22,7 @@ from service.daemon.modes import Scanning
 from service.daemon.run import run_service
 from service.daemon.systemd import WATCHDOG
 from service.errors import ConfigurationError, MotionError, PlanError, ServiceError, SessionError
-from service.messages.events import DevicesOpened, Event, MapFused, StateChanged, StatusTold
+from service.messages.events import DevicesOpened, Event, FrameCaptured, MapFused, StateChanged, StatusTold
 from service.messages.status import Status
 from service.messages.summary import RunSummary
 from service.sinks.sink import Sink
@@ -140,6 +140,26 @@ def test_after_a_failed_movement_it_stands_still_says_why_and_stays_alive(config
     assert statuses[0].degraded[0].what == statuses[0].error.what == statuses[0].reason
     assert fed.count(WATCHDOG) >= 2, "killed and started again it would move by itself"
     assert len(stuck.stage.moves) == 10
+
+
+def test_one_pass_that_is_stopped_before_its_first_map_is_interrupted_and_leaves_nothing(
+    configure, tmp_path: Path
+) -> None:
+    class Stops(Sink):
+        wants = (FrameCaptured,)
+
+        def started(self, daemon: Daemon) -> None:
+            self.daemon = daemon
+
+        def take(self, event: Event) -> None:  # noqa: ARG002
+            self.daemon.stop.set()
+
+    sink, out = Stops(), tmp_path / "out"
+    with pytest.raises(KeyboardInterrupt):
+        run_service(
+            configure(), rig(), once=True, output=out, sinks={"test": lambda: sink}, started=sink.started
+        )
+    assert not out.exists()
 
 
 def test_one_pass_ends_with_a_failed_movement(configure) -> None:

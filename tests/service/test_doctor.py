@@ -186,6 +186,14 @@ def test_disk(tmp_path, monkeypatch):
     assert "install -d" in only(check_disk(configuration)).remedy
 
 
+def test_a_file_is_no_directory_for_recordings(tmp_path):
+    (tmp_path / "file").touch()
+    for directory in (tmp_path / "file", tmp_path / "file" / "below"):
+        check = only(check_disk(Configuration(recording=RecordingSection(directory=directory))))
+        assert check.state == "problem"
+        assert "is no directory" in check.finding
+
+
 def test_clock(monkeypatch):
     monkeypatch.setattr(host, "_synchronised", lambda: True)
     assert only(check_clock(PLAIN)).state == "ok"

@@ -138,3 +138,11 @@ def test_damaged_recordings_are_exported_with_status_3(frames, tmp_path):
     status, _, said = lidarboost("export", frames, "-o", tmp_path / "x.npz")
     assert (status, said.startswith("lost: ")) == (3, True)
     assert (tmp_path / "x.npz").exists()
+
+
+def test_the_latest_map_is_there_for_the_asking(maps, tmp_path):
+    assert lidarboost("export", maps, "-o", tmp_path / "last.ply", "--latest")[0] == 0
+    assert lidarboost("export", maps, "-o", tmp_path / "second.ply", "--number", 1)[0] == 0
+    assert (tmp_path / "last.ply").read_bytes() == (tmp_path / "second.ply").read_bytes()
+    status, _, said = lidarboost("export", maps, "-o", tmp_path / "x.ply", "--latest", "--all")
+    assert (status, "exclude each other" in said) == (2, True)

@@ -199,3 +199,11 @@ def test_recover_of_a_whole_file_has_status_0(recording, tmp_path):
     status, said, _ = lidarboost("recover", recording, "-o", tmp_path / "copy.mcap")
     assert (status, "nothing was missing" in said) == (0, True)
     assert open_recording(tmp_path / "copy.mcap").frame_count == 10
+
+
+def test_what_holds_nothing_is_not_sent_to_be_recovered(tmp_path):
+    empty = tmp_path / "empty.mcap"
+    empty.write_bytes(bytes.fromhex("894d434150300d0a") + b"\x01\xff")
+    status, said, _ = lidarboost("info", empty)
+    assert status == 3
+    assert "recover" not in said

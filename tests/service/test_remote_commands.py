@@ -8,6 +8,7 @@ from publishing import publishing
 from typer.testing import CliRunner
 
 from service.cli import app
+from service.cli.status import _lines
 from service.messages.events import MapFused, StatusTold
 from service.messages.map import FusedMap
 from service.messages.status import (
@@ -179,3 +180,17 @@ def test_without_a_service_it_says_where_it_looked(endpoint: str) -> None:
     status, _, err = run("status", "--endpoint", endpoint, "--timeout", "0.2")
     assert status == 1
     assert f"no service answered at {endpoint}" in err
+
+
+@pytest.mark.parametrize(
+    ("recorder", "said"),
+    [
+        (RecorderState(error="the disk is full", lost=7), "nothing: the disk is full; 7 messages lost"),
+        (RecorderState(recording=True, file="a.mcap", lost=7), "on: a.mcap, 0.0 MB, 7 messages lost"),
+        (RecorderState(), "off"),
+        (None, "off"),
+    ],
+)
+def test_status_says_whether_anything_is_recorded(recorder: RecorderState | None, said: str) -> None:
+    lines = dict(_lines(STATUS.model_copy(update={"recorder": recorder})))
+    assert lines["recording"] == said

@@ -217,10 +217,11 @@ def _await_file(desk: Desk) -> None:
     bus = desk.daemon.bus
     end = time.monotonic() + _BEGINS
     while time.monotonic() < end and _written(desk) is None:
-        faults = [sink.error for sink in bus.states if sink.name == RECORDER and sink.faults]
-        if faults:
+        recorder = bus.sink(RECORDER)
+        if isinstance(recorder, Recorder) and recorder.fault is not None:
+            fault = recorder.fault
             bus.remove(RECORDER)
-            raise IoFailureError(f"nothing can be recorded: {faults[0]}")
+            raise IoFailureError(f"nothing can be recorded: {fault}")
         time.sleep(0.01)
 
 
