@@ -20,13 +20,24 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from drivers import Camera
     from drivers.recording import open_recording
+    from service.errors import CommandError
     from service.wire.client import Client
     from solver import Fused, FusionOptions, SlidingFusion, fuse
 
-__all__ = ["Client", "Fused", "FusionOptions", "SlidingFusion", "fuse", "open_camera", "open_recording"]
+__all__ = [
+    "Client",
+    "CommandError",
+    "Fused",
+    "FusionOptions",
+    "SlidingFusion",
+    "fuse",
+    "open_camera",
+    "open_recording",
+]
 
 _HOMES = {
     "Client": "service.wire.client",
+    "CommandError": "service.errors",
     "Fused": "solver",
     "FusionOptions": "solver",
     "SlidingFusion": "solver",

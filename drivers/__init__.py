@@ -10,6 +10,7 @@ from drivers.errors import (
     EndOfRecordingError,
     InitialisationError,
     LimitError,
+    MotionStoppedError,
     NotAvailableError,
     OperationError,
     RecordingError,
@@ -17,8 +18,9 @@ from drivers.errors import (
     StorageError,
 )
 from drivers.frame import Frame
+from drivers.position import Limits, Position
 from drivers.settings import CameraSettings, Capabilities
-from drivers.stage import Limits, Position, Stage
+from drivers.stage import Stage
 
 __all__ = [
     "Calibration",
@@ -33,6 +35,7 @@ __all__ = [
     "InitialisationError",
     "LimitError",
     "Limits",
+    "MotionStoppedError",
     "NotAvailableError",
     "OperationError",
     "Position",

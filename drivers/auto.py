@@ -24,7 +24,9 @@ class AutoOptions(BackendOptions):
 
     recording: Path | None = Field(None, description="Recording to play where no real camera is found.")
     serial: str | None = Field(None, description="Serial number; none = the first camera found.")
-    model: str | None = Field(None, description="SR2A, SR2B, SR3000 or SR4000; none = told by the camera.")
+    model: str | None = Field(
+        None, description="SR2A, SR2B, SR3000, SR4000 or SR4500; none = told by the camera."
+    )
     library: Path | None = Field(None, description="Absolute path of the vendor's library.")
     address: str | None = Field(None, description="IP address of a camera on Ethernet.")
     profile: Path | None = Field(None, description="USB profile file, for example one learned from a trace.")
@@ -142,6 +144,9 @@ class AutoCamera(Camera):
 
     def _capabilities(self) -> Capabilities:
         return self._found.capabilities
+
+    def _longest_exposure(self, integration_time: float | None) -> float:
+        return self._found._longest_exposure(integration_time)
 
     @property
     def recording(self) -> Recording | None:

@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from drivers.camera import Camera
 from drivers.clock import Clock
 from drivers.device import Device
+from drivers.documents import told
 from drivers.errors import InitialisationError, NotAvailableError
 from drivers.stage import Stage
 
@@ -88,8 +89,5 @@ def _make(kind: type[D], name: str, options: Mapping[str, Any] | None, clock: Cl
     try:
         checked = kind.Options.model_validate(dict(options or {}))
     except ValidationError as error:
-        faults = "; ".join(
-            f"{'.'.join(map(str, fault['loc'])) or 'options'}: {fault['msg']}" for fault in error.errors()
-        )
-        raise InitialisationError(f"options of backend {name!r}: {faults}") from error
+        raise InitialisationError(f"options of backend {name!r}: {told(error)}") from error
     return kind(checked, clock)

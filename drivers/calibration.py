@@ -1,14 +1,24 @@
 """What is known of a camera's geometry and errors, saved as TOML and inside every recording."""
 
-import tomllib
+import logging
 from pathlib import Path
-from typing import Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+from drivers.documents import parse_toml, told
 from drivers.errors import RecordingError
+
+LENS_TERMS = (4, 5, 8, 12, 14)
+"""How many terms OpenCV's lens model may have."""
+
+_Metres = Annotated[float, Field(ge=-1000, le=1000)]
+_Radians = Annotated[float, Field(ge=-100, le=100)]
+_Pixels = Annotated[float, Field(ge=-1e6, le=1e6)]
+
+_log = logging.getLogger(__name__)
 
 
 class _Part(BaseModel):
@@ -18,10 +28,10 @@ class _Part(BaseModel):
 class Intrinsics(_Part):
     """Pinhole projection in pixels; integer coordinates are pixel centres."""
 
-    fx: float = Field(gt=0, description="Focal length along columns, pixels.")
-    fy: float = Field(gt=0, description="Focal length along rows, pixels.")
-    cx: float = Field(description="Column of the principal point, pixels.")
-    cy: float = Field(description="Row of the principal point, pixels.")
+    fx: float = Field(ge=1, le=1e6, description="Focal length along columns, pixels.")
+    fy: float = Field(ge=1, le=1e6, description="Focal length along rows, pixels.")
+    cx: _Pixels = Field(description="Column of the principal point, pixels.")
+    cy: _Pixels = Field(description="Row of the principal point, pixels.")
 
     @property
     def matrix(self) -> NDArray[np.float64]:
@@ -32,19 +42,33 @@ class Intrinsics(_Part):
 class CyclicTerm(_Part):
     """One harmonic of the cyclic error: amplitude · sin(2π · harmonic · distance / range + phase)."""
 
-    amplitude: float = Field(ge=0, description="Amplitude of the error, metres.")
+    amplitude: float = Field(ge=0, le=1000, description="Amplitude of the error, metres.")
     harmonic: int = Field(ge=1, le=16, description="Periods of the error within one ambiguity range.")
-    phase: float = Field(description="Phase at distance zero, radians.")
+    phase: _Radians = Field(description="Phase at distance zero, radians.")
 
 
 class Corrections(_Part):
     """Systematic distance errors; they are subtracted from what the camera delivers."""
 
-    constant: float = Field(0.0, description="Constant offset, metres.")
+    constant: _Metres = Field(0.0, description="Constant offset, metres.")
     cyclic: tuple[CyclicTerm, ...] = Field((), description="Harmonics of the modulation's cyclic error.")
-    per_pixel: tuple[tuple[float, ...], ...] = Field(
+    per_pixel: tuple[tuple[_Metres, ...], ...] = Field(
         (), description="Offset of each pixel, metres; empty = none."
     )
+
+    def __bool__(self) -> bool:
+        """Whether there is any."""
+        return bool(self.constant or self.cyclic or self.per_pixel)
+
+    def error(self, distance: NDArray[np.floating], ambiguity_range: float) -> NDArray[np.float64]:
+        """(H, W) metres by which measured distances (H, W) are too long."""
+        error = np.full(distance.shape, self.constant)
+        for term in self.cyclic:
+            phase = 2 * np.pi * term.harmonic * distance / ambiguity_range + term.phase
+            error += term.amplitude * np.sin(phase)
+        if self.per_pixel:
+            error += np.asarray(self.per_pixel)
+        return error
 
 
 class Mount(_Part):
@@ -53,10 +77,10 @@ class Mount(_Part):
     Stage axes: x right, y down, z forward, as the camera's when it is mounted straight.
     """
 
-    rotation: tuple[float, float, float] = Field(
+    rotation: tuple[_Radians, _Radians, _Radians] = Field(
         (0.0, 0.0, 0.0), description="Rotation vector that takes camera axes to stage axes, radians."
     )
-    lever_arm: tuple[float, float, float] = Field(
+    lever_arm: tuple[_Metres, _Metres, _Metres] = Field(
         (0.0, 0.0, 0.0), description="Projection centre from the stage's axes, in stage axes, metres."
     )
 
@@ -71,7 +95,7 @@ class Footprint(_Part):
 class NoiseLaw(_Part):
     """σ(distance) = coefficient / amplitude, amplitude linear in the received light, in counts."""
 
-    coefficient: float = Field(gt=0, description="Metres times counts.")
+    coefficient: float = Field(ge=1e-9, le=1e9, description="Metres times counts.")
 
     def for_signal(self, integration_time: float | None) -> float:
         """The coefficient for `Frame.signal`, which is per second where the integration time is known."""
@@ -82,11 +106,12 @@ class Calibration(_Part):
     """Everything known of one camera on its mount.
 
     Raises:
-        ValueError: per-pixel offsets that do not fit the image.
+        ValueError: per-pixel offsets that do not fit the image, or a number of lens terms that OpenCV's model
+            does not have.
     """
 
-    width: int = Field(ge=2, le=4096, description="Columns.")
-    height: int = Field(ge=2, le=4096, description="Rows.")
+    width: int = Field(ge=2, le=65536, description="Columns.")
+    height: int = Field(ge=2, le=65536, description="Rows.")
     intrinsics: Intrinsics
     distortion: tuple[float, ...] = Field((), max_length=14, description="OpenCV's k1, k2, p1, p2, k3, ….")
     corrections: Corrections = Corrections()
@@ -94,6 +119,14 @@ class Calibration(_Part):
     footprint: Footprint = Footprint()
     noise: NoiseLaw | None = Field(None, description="None = not measured; the solver estimates it.")
     source: str = Field("nominal", description="Where these figures come from.")
+
+    @field_validator("distortion")
+    @classmethod
+    def _is_a_lens(cls, terms: tuple[float, ...]) -> tuple[float, ...]:
+        if terms and len(terms) not in LENS_TERMS:
+            known = ", ".join(map(str, LENS_TERMS))
+            raise ValueError(f"{len(terms)} terms; expected none or OpenCV's {known}")
+        return terms
 
     @model_validator(mode="after")
     def _per_pixel_fits(self) -> Self:
@@ -117,15 +150,9 @@ class Calibration(_Part):
         Returns:
             (H, W) float32 metres in [0, ambiguity_range).
         """
-        known = self.corrections
-        if not (known.constant or known.cyclic or known.per_pixel):
+        if not self.corrections:
             return distance
-        error = np.full(distance.shape, known.constant)
-        for term in known.cyclic:
-            phase = 2 * np.pi * term.harmonic * distance / ambiguity_range + term.phase
-            error += term.amplitude * np.sin(phase)
-        if known.per_pixel:
-            error += np.asarray(known.per_pixel)
+        error = self.corrections.error(distance, ambiguity_range)
         corrected: NDArray[np.float32] = np.mod(distance - error, ambiguity_range).astype(np.float32)
         return corrected
 
@@ -136,36 +163,73 @@ class Calibration(_Part):
         return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True))
 
     @classmethod
-    def from_toml(cls, text: str, origin: str = "calibration") -> Self:
-        """Read TOML text.
+    def from_toml(cls, text: str | bytes, origin: str = "calibration") -> Self:
+        """Read TOML text as a recording holds it; keys that a newer version added are told and passed over.
 
         Raises:
-            RecordingError: not TOML, unknown keys, or values out of bounds; names each of them.
+            RecordingError: not TOML, or values out of bounds; names each of them.
         """
-        try:
-            return cls.model_validate(tomllib.loads(text))
-        except tomllib.TOMLDecodeError as error:
-            raise RecordingError(f"{origin}: not valid TOML ({error})") from error
-        except ValidationError as error:
-            faults = "; ".join(
-                f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}" for fault in error.errors()
-            )
-            raise RecordingError(f"{origin}: not a calibration ({faults})") from error
+        return cls._read(text, origin, strict=False)
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read a TOML file; raises as `from_toml`, or `RecordingError` where the file cannot be read."""
+        """Read a TOML file, where an unknown key is an error: it would be a slip of the pen.
+
+        Raises:
+            RecordingError: as `from_toml`, or the file cannot be read.
+        """
         try:
-            text = path.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise RecordingError(f"{path}: cannot read the calibration ({error})") from error
-        return cls.from_toml(text, str(path))
+            content = path.read_bytes()
+        except OSError as error:
+            raise RecordingError(f"{path}: cannot read the calibration ({error.strerror})") from error
+        return cls._read(content, str(path), strict=True)
+
+    @classmethod
+    def _read(cls, text: str | bytes, origin: str, *, strict: bool) -> Self:
+        try:
+            found = parse_toml(text if isinstance(text, bytes) else text.encode())
+        except ValueError as error:
+            raise RecordingError(f"{origin}: {error}") from error
+        try:
+            return cls._known(found, origin, strict=strict)
+        except ValidationError as error:
+            raise RecordingError(f"{origin}: not a calibration ({told(error)})") from error
+
+    @classmethod
+    def _known(cls, found: dict[str, Any], origin: str, *, strict: bool) -> Self:
+        try:
+            return cls.model_validate(found)
+        except ValidationError as error:
+            unknown = [fault["loc"] for fault in error.errors() if fault["type"] == "extra_forbidden"]
+            if strict or not unknown:
+                raise
+        names = ", ".join(".".join(map(str, place)) for place in unknown)
+        _log.warning("%s: passed over what this version does not know: %s", origin, names)
+        for *tables, key in unknown:
+            inner: Any = found
+            for name in tables:
+                inner = inner[name]
+            del inner[key]
+        return cls.model_validate(found)
 
     def save(self, path: Path) -> None:
         """Write a TOML file, whole or not at all."""
         partial = path.with_name(path.name + ".partial")
         partial.write_text(self.to_toml(), encoding="utf-8")
         partial.replace(path)
+
+
+def sr2b_calibration() -> Calibration:
+    """Nominal SR2B: 124 × 160 pixels of 54.8 µm × 39.2 µm behind an 8 mm lens, centre (62, 80).
+
+    Source: camDataSR2B.xml in the vendor's Linux package (pixel counts, sizes and centre column first).
+    """
+    return Calibration(
+        width=124,
+        height=160,
+        intrinsics=Intrinsics(fx=8e-3 / 54.8e-6, fy=8e-3 / 39.2e-6, cx=62.0, cy=80.0),
+        source="nominal SR2B optics",
+    )
 
 
 def sr3000_calibration() -> Calibration:
@@ -192,4 +256,15 @@ def sr4000_calibration() -> Calibration:
         distortion=(-0.92985, 0.75388, 0.0, 0.0, -0.17835),
         noise=NoiseLaw(coefficient=3.8),
         source="measured on public SR4000 frames",
+    )
+
+
+def sr4500_calibration() -> Calibration:
+    """One SR4500, as a public driver has it (OpenPTrack, SR4500_calib.yaml); each camera differs a little."""
+    return Calibration(
+        width=176,
+        height=144,
+        intrinsics=Intrinsics(fx=148.907, fy=148.635, cx=87.308, cy=70.886),
+        distortion=(-0.37008, 0.16793, 0.00031, -0.0002),
+        source="one SR4500 of a public driver (OpenPTrack)",
     )

@@ -6,8 +6,9 @@ from drivers.calibration import Calibration
 from drivers.clock import Clock
 from drivers.device import BackendOptions, Device
 from drivers.errors import StateError
+from drivers.exposure import SAMPLES
 from drivers.frame import Frame
-from drivers.settings import CameraSettings, Capabilities
+from drivers.settings import LONGEST_INTEGRATION_TIME, CameraSettings, Capabilities
 from drivers.stage import Stage
 
 
@@ -15,7 +16,8 @@ class Camera(Device):
     """A camera: closed, then open, then started; frames come while it is started.
 
     A backend names its `Options` and fills the hooks (`_open`, `_close`, `_start`, `_stop`, `_grab`,
-    `_apply`, `_calibration`, `_capabilities`); state, order of calls and settings are handled here.
+    `_apply`, `_calibration`, `_capabilities`, and `_longest_exposure` where it knows better); state, order
+    of calls and settings are handled here.
     """
 
     def __init__(self, options: BackendOptions | None = None, clock: Clock | None = None) -> None:
@@ -49,7 +51,8 @@ class Camera(Device):
             self._stop()
 
     def grab(self, timeout: float = 2.0) -> Frame:
-        """The next frame, waiting at most `timeout` seconds.
+        """The next frame, waiting at most `timeout` seconds, and besides as long as it takes to throw away
+        what a failed frame or other settings have left behind.
 
         Raises:
             StateError: the camera is not started.
@@ -61,6 +64,11 @@ class Camera(Device):
         if not self._is_started:
             raise StateError(f"cannot grab from a {type(self).__name__} that is not started: start it first")
         return self._grab(timeout)
+
+    def exposure_start(self, frame: Frame) -> int:
+        """The earliest time at which this camera may have begun to expose a frame, ns since the epoch."""
+        half = self._longest_exposure(frame.integration_time) / 2
+        return frame.timestamp - frame.timestamp_uncertainty - round(half * 1e9)
 
     @property
     def settings(self) -> CameraSettings:
@@ -111,3 +119,11 @@ class Camera(Device):
 
     @abstractmethod
     def _capabilities(self) -> Capabilities: ...
+
+    def _longest_exposure(self, integration_time: float | None) -> float:
+        """Seconds that the exposure of a frame takes at most, from the first sample to the last.
+
+        Args:
+            integration_time: seconds per sample, None = unknown.
+        """
+        return SAMPLES * (integration_time if integration_time is not None else LONGEST_INTEGRATION_TIME)

@@ -33,6 +33,10 @@ class DeviceTimeoutError(OperationError, TimeoutError):
     """No frame, or no end of a movement, within the time allowed."""
 
 
+class MotionStoppedError(DriverError):
+    """A stage was interrupted: it has stopped, or did not begin to move."""
+
+
 class EndOfRecordingError(OperationError):
     """A camera that plays a recording has no frame left."""
 

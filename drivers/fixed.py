@@ -1,10 +1,16 @@
 """No stage at all: a camera that stands still."""
 
-from drivers.stage import Limits, Position, Stage
+from math import inf
+from typing import ClassVar
+
+from drivers.position import Limits, Position
+from drivers.stage import Stage
 
 
 class FixedStage(Stage):
     """A mount that does not turn: always at (0, 0), and any other angle is beyond its limits."""
+
+    needs_consent: ClassVar[bool] = False
 
     def _open(self) -> None:
         pass
@@ -15,10 +21,16 @@ class FixedStage(Stage):
     def _home(self) -> None:
         pass
 
+    def _homing(self) -> str:
+        return "moves nothing"
+
     def _move_to(self, pan: float, tilt: float) -> None:
         pass
 
-    def _wait(self, timeout: float) -> None:
+    def _remaining(self) -> float:
+        return 0.0
+
+    def _stop(self) -> None:
         pass
 
     def _position(self) -> Position:
@@ -26,3 +38,9 @@ class FixedStage(Stage):
 
     def _limits(self) -> Limits:
         return Limits(pan=(0.0, 0.0), tilt=(0.0, 0.0))
+
+    def _speed(self) -> float:
+        return inf
+
+    def _acceleration(self) -> float:
+        return inf

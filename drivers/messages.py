@@ -88,18 +88,22 @@ class FrameFields(BaseModel):
 
     model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False, title="Frame")
 
-    timestamp: int = Field(description="Middle of the exposure, ns since the epoch.")
-    timestamp_uncertainty: int = Field(0, ge=0, description="Half-width of its interval, ns.")
-    sequence: int = Field(description="Counted by the driver; a gap is a drop.")
-    burst: int | None = Field(None, description="The burst that the frame belongs to.")
-    pose: int | None = Field(None, description="Index into the burst's plan of poses.")
-    pan: float = Field(description="Stage angle, radians, positive to the left.")
-    tilt: float = Field(description="Stage angle, radians, positive upwards.")
-    integration_time: float | None = Field(description="Seconds per phase sample; null = not known.")
-    modulation_frequency: float = Field(gt=0, description="Hz.")
-    ambiguity_range: float = Field(gt=0, description="Metres; distance = counts · range / 65536.")
+    timestamp: int = Field(ge=0, lt=2**63, description="Middle of the exposure, ns since the epoch.")
+    timestamp_uncertainty: int = Field(0, ge=0, lt=2**63, description="Half-width of its interval, ns.")
+    sequence: int = Field(ge=0, lt=2**63, description="Counted by the driver; a gap is a drop.")
+    burst: int | None = Field(None, ge=0, lt=2**63, description="The burst that the frame belongs to.")
+    pose: int | None = Field(None, ge=0, lt=2**31, description="Index into the burst's plan of poses.")
+    pan: float = Field(ge=-100, le=100, description="Stage angle, radians, positive to the left.")
+    tilt: float = Field(ge=-100, le=100, description="Stage angle, radians, positive upwards.")
+    integration_time: float | None = Field(
+        gt=0, le=3600, description="Seconds per phase sample; null = not known."
+    )
+    modulation_frequency: float = Field(ge=1e3, le=1e12, description="Hz.")
+    ambiguity_range: float = Field(ge=1e-3, le=1e6, description="Metres; distance = counts · range / 65536.")
     amplitude_mode: AmplitudeMode = Field("linear", description="`gray` = multiplied by distance².")
-    saturation_level: int = Field(0xFFF0, description="Amplitude from which a pixel is saturated, counts.")
+    saturation_level: int = Field(
+        0xFFF0, ge=0, lt=2**31, description="Amplitude from which a pixel is saturated, counts."
+    )
 
     @classmethod
     def of(cls, frame: Frame) -> Self:
@@ -214,7 +218,7 @@ def decode_image(payload: bytes) -> NDArray[Any]:
     """The array in a foxglove.RawImage, (H, W) or (H, W, 3), read-only.
 
     Raises:
-        RecordingError: not such a message, an encoding not known here, or data of the wrong size.
+        RecordingError: not such a message, an encoding not known here, no pixel, or data of the wrong size.
     """
     image = RawImage()
     try:
@@ -226,6 +230,8 @@ def decode_image(payload: bytes) -> NDArray[Any]:
         raise RecordingError(f"image encoding {image.encoding!r} cannot be read here; known are {known}")
     dtype, channels = IMAGE_ENCODINGS[image.encoding]
     used = image.width * channels * dtype.itemsize
+    if not (image.width and image.height):
+        raise RecordingError(f"image of {image.height} × {image.width} pixels; expected at least one")
     if image.step < used or len(image.data) != image.step * image.height:
         raise RecordingError(
             f"image of {image.height} × {image.width} pixels ({image.encoding}, {image.step} bytes a row) "

@@ -10,7 +10,7 @@ from pydantic import Field
 from drivers.calibration import Calibration
 from drivers.camera import Camera
 from drivers.device import BackendOptions
-from drivers.errors import DeviceTimeoutError, EndOfRecordingError
+from drivers.errors import DeviceTimeoutError, EndOfRecordingError, RecordingError
 from drivers.frame import Frame
 from drivers.recording import Recording, open_recording
 from drivers.settings import CameraSettings, Capabilities
@@ -45,7 +45,8 @@ class ReplayCamera(Camera):
     def _open(self) -> None:
         self._recording = open_recording(self._replay.path)
         self._frames = self._play()
-        self._next: Frame | None = None
+        self._next: tuple[Frame, Calibration | None] | None = None
+        self._shown: Calibration | None = None
         self._settings = _recorded_settings(next(self._recording.frames()))
 
     def _close(self) -> None:
@@ -61,13 +62,13 @@ class ReplayCamera(Camera):
     def _grab(self, timeout: float) -> Frame:
         if self._next is None:
             self._next = next(self._frames, None)
-        frame = self._next
-        if frame is None:
+        if self._next is None:
             raise EndOfRecordingError(
                 f"{self._replay.path} has been played to its end; open it to play it again"
             )
+        frame, calibration = self._next
         self._wait_until_due(frame, timeout)
-        self._next = None
+        self._next, self._shown = None, calibration
         return frame
 
     def _wait_until_due(self, frame: Frame, timeout: float) -> None:
@@ -82,8 +83,10 @@ class ReplayCamera(Camera):
         if wait > timeout:
             raise DeviceTimeoutError(f"the next recorded frame is due in {wait - timeout:.2f} s; grab again")
 
-    def _play(self) -> Iterator[Frame]:
-        yield from self._recording.frames()
+    def _play(self) -> Iterator[tuple[Frame, Calibration | None]]:
+        """Frames and the calibration of each, None where there is none."""
+        for frame in self._recording.frames():
+            yield frame, self._calibration_of(frame)
         if not self._replay.loop:
             return
         entries = self._recording.entries
@@ -96,7 +99,7 @@ class ReplayCamera(Camera):
         while True:
             rounds += 1
             for frame in self._recording.frames():
-                yield replace(
+                again = replace(
                     frame,
                     timestamp=frame.timestamp + rounds * round_time,
                     sequence=frame.sequence + rounds * counted,
@@ -104,12 +107,20 @@ class ReplayCamera(Camera):
                     if frame.burst is None
                     else frame.burst + rounds * (1 + max(bursts) - min(bursts)),
                 )
+                yield again, self._calibration_of(frame)
+
+    def _calibration_of(self, frame: Frame) -> Calibration | None:
+        try:
+            return self._recording.calibration_of(frame)
+        except RecordingError:  # told to who asks for the calibration
+            return None
 
     def _apply(self, settings: CameraSettings) -> CameraSettings:  # noqa: ARG002
         return self._settings
 
     def _calibration(self) -> Calibration:
-        return self._recording.calibration
+        """Of the frame grabbed last: merged recordings hold several."""
+        return self._shown or self._recording.calibration
 
     def _capabilities(self) -> Capabilities:
         known = self._recording.metadata

@@ -7,6 +7,9 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.frame import AmplitudeMode, ambiguity_range
 
+LONGEST_INTEGRATION_TIME = 0.1
+"""Seconds per sample that no camera exceeds: the longest known takes 65.28 ms (SR2A, vendor header)."""
+
 
 class CameraSettings(BaseModel):
     """Settings that every camera understands; a camera refuses values that it cannot take."""
@@ -14,7 +17,7 @@ class CameraSettings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     integration_time: float = Field(
-        0.030, gt=0, le=0.1, description="Seconds per phase sample; a frame takes four."
+        0.030, gt=0, le=LONGEST_INTEGRATION_TIME, description="Seconds per phase sample; a frame takes four."
     )
     modulation_frequency: float = Field(20e6, ge=1e6, le=100e6, description="Modulation frequency, Hz.")
     frame_rate: float | None = Field(

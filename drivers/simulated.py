@@ -1,53 +1,35 @@
 """A simulated camera and the simulated stage that turns it: stand-ins for the real ones, physics included."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, field_validator
 
-from drivers.calibration import Calibration, Footprint, Mount, NoiseLaw, sr3000_calibration
+from drivers.calibration import Calibration, NoiseLaw, sr3000_calibration
 from drivers.camera import Camera
 from drivers.clock import Clock
 from drivers.device import BackendOptions
 from drivers.errors import DeviceTimeoutError, InitialisationError
 from drivers.frame import Frame
+from drivers.position import Position
 from drivers.settings import CameraSettings, Capabilities
+from drivers.simulation.options import CameraOptions, scene_of, true_calibration
 from drivers.simulation.render import Renderer, Truth
-from drivers.simulation.scenes import SCENES, build_scene
-from drivers.simulation.sensor import GAIN, expose, noise_coefficient
+from drivers.simulation.scene import Scene, Surface
+from drivers.simulation.sensor import (
+    GAIN,
+    PHASE_NOISE,
+    expose,
+    noise_coefficient,
+    phase_noise,
+    with_errors,
+)
 from drivers.simulation.stage import SimulatedStage
-from drivers.stage import Position
 
 __all__ = ["SimulatedCamera", "SimulatedStage"]
 
 SAMPLES = 4
 """Phase samples of a frame, one after the other."""
-
-
-class CameraOptions(BackendOptions):
-    """What the simulated camera looks at, and how it is built."""
-
-    scene: str = Field("wedges", description=f"What it sees: {', '.join(SCENES)}.")
-    seed: int = Field(0, ge=0, description="Of the noise: frame n of a seed is always the same.")
-    noise: bool = Field(True, description="Whether the sensor has noise.")
-    lever_arm: tuple[float, float, float] = Field(
-        (0.0, 0.0, 0.0),
-        description="Projection centre from the stage's axes, metres (x right, y down, z forward). "
-        "With one every pose is rendered anew: a few frames per second instead of 50 and more.",
-    )
-    mount_rotation: tuple[float, float, float] = Field(
-        (0.0, 0.0, 0.0), description="Rotation vector that takes camera axes to stage axes, radians."
-    )
-    fill_factor: float = Field(1.0, gt=0, le=1, description="Side of a pixel's sensitive square, in pixels.")
-    readout: float = Field(
-        0.001, ge=0, le=0.1, description="Seconds of each frame beyond four integration times."
-    )
-
-    @field_validator("scene")
-    @classmethod
-    def _known(cls, name: str) -> str:
-        if name not in SCENES:
-            raise ValueError(f"no scene is called {name!r}; there are: {', '.join(SCENES)}")
-        return name
 
 
 class SimulatedCamera(Camera):
@@ -65,6 +47,7 @@ class SimulatedCamera(Camera):
 
     def __init__(self, options: BackendOptions | None = None, clock: Clock | None = None) -> None:
         super().__init__(options, clock)
+        self._true = true_calibration(self.options)
         self._renderer: Renderer | None = None
         self._epoch = self._first = self._next = 0
 
@@ -80,7 +63,7 @@ class SimulatedCamera(Camera):
 
     def _open(self) -> None:
         self._check_rate(self._settings)
-        self._renderer = Renderer(build_scene(self.options.scene), self._calibration())
+        self._renderer = Renderer(scene_of(self.options), self._true)
         self._first = self._next = 0
 
     def _close(self) -> None:
@@ -113,17 +96,25 @@ class SimulatedCamera(Camera):
         self._next = number + 1
         return self._frame(number, ready - self._exposure(self._settings))
 
-    def _calibration(self) -> Calibration:
-        nominal = sr3000_calibration()
+    @property
+    def true_calibration(self) -> Calibration:
+        """What the camera really is, which `calibration` need not say."""
+        if self.options.calibration is not None or not self.options.noise:
+            return self._true
         coefficient = noise_coefficient(self._settings.ambiguity_range)
-        return nominal.model_copy(
-            update={
-                "mount": Mount(rotation=self.options.mount_rotation, lever_arm=self.options.lever_arm),
-                "footprint": Footprint(fill_factor=self.options.fill_factor),
-                "noise": NoiseLaw(coefficient=coefficient) if self.options.noise else None,
-                "source": "simulated SR3000",
-            }
-        )
+        return self._true.model_copy(update={"noise": NoiseLaw(coefficient=coefficient)})
+
+    def show(self, surfaces: Sequence[Surface]) -> None:
+        """Put another scene before the camera, surfaces in stage axes.
+
+        Raises:
+            StateError: the camera is closed.
+        """
+        self._require_open("show anything to")
+        self._renderer = Renderer(Scene(self.options.scene, surfaces), self._true)
+
+    def _calibration(self) -> Calibration:
+        return self.true_calibration if self.options.calibrated else sr3000_calibration()
 
     def _capabilities(self) -> Capabilities:
         return Capabilities(
@@ -154,12 +145,16 @@ class SimulatedCamera(Camera):
     def _expose(self, poses: list[Position], number: int) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
         received = self._rendering().correlations(poses, self._settings.ambiguity_range)
         noise = np.random.default_rng([self.options.seed, number]) if self.options.noise else None
-        return expose(received, self._settings, noise)
+        span, law = self._settings.ambiguity_range, self._true.noise
+        strength = PHASE_NOISE if law is None else phase_noise(law.coefficient, span)
+        counts, amplitude = expose(received, self._settings, noise, strength)
+        errors = self._true.corrections
+        return (with_errors(counts, errors, span) if errors else counts), amplitude
 
     def _pose(self, timestamp: int) -> Position:
         if isinstance(self._stage, SimulatedStage):
             return self._stage.pose_at(timestamp)
-        if self._stage is not None and self._stage.is_open:
+        if self._stage is not None and self._stage.is_open and not self._stage.needs_home:
             return self._stage.position
         return Position(0.0, 0.0)
 
@@ -174,6 +169,9 @@ class SimulatedCamera(Camera):
 
     def _exposure(self, settings: CameraSettings) -> int:
         return round((SAMPLES * settings.integration_time + self.options.readout) * 1e9)
+
+    def _longest_exposure(self, integration_time: float | None) -> float:
+        return super()._longest_exposure(integration_time) + self.options.readout
 
     def _period(self, settings: CameraSettings) -> int:
         return self._exposure(settings) if settings.frame_rate is None else round(1e9 / settings.frame_rate)

@@ -1,5 +1,7 @@
 """What can go wrong in the service, one type per cause."""
 
+from typing import ClassVar
+
 
 class ServiceError(Exception):
     """Root of every error that the service raises on purpose."""
@@ -13,12 +15,28 @@ class PlanError(ConfigurationError):
     """The plan cannot be run on this stage: a pose is out of reach, or the plan is empty."""
 
 
+class MotionError(ServiceError):
+    """The stage does not move: nobody consents to homing it, or a movement failed; a person has to look."""
+
+
 class WorkerError(ServiceError):
     """The fusion worker died or stopped answering, more often than a restart can mend."""
 
 
+class HungError(WorkerError):
+    """A worker gave no answer in time."""
+
+
 class OutputError(ServiceError):
     """A file could not be written: no space, no permission, or it exists already."""
+
+
+class EncodingError(ServiceError):
+    """An event could not be made into messages."""
+
+
+class SinkError(ServiceError):
+    """A sink cannot be used as it is named or set; says which and what is known."""
 
 
 class SessionError(ServiceError):
@@ -31,3 +49,71 @@ class RemoteError(ServiceError):
 
 class CalibrationError(ServiceError):
     """What was shown to the camera does not determine a calibration; says what is missing."""
+
+
+class CommandError(RemoteError):
+    """A command was refused; nothing has changed. `code` says why, in one of eight words."""
+
+    code: ClassVar[str] = "INTERNAL"
+
+
+class InvalidArgumentError(CommandError):
+    """An unknown verb or field, or a value of a wrong type."""
+
+    code = "INVALID_ARGUMENT"
+
+
+class OutOfRangeError(CommandError):
+    """A value out of its bounds, or a plan out of the stage's reach."""
+
+    code = "OUT_OF_RANGE"
+
+
+class InvalidStateError(CommandError):
+    """What the service is doing does not allow it."""
+
+    code = "INVALID_STATE"
+
+
+class NotFoundError(CommandError):
+    """There is no such file."""
+
+    code = "NOT_FOUND"
+
+
+class PermissionDeniedError(CommandError):
+    """A path outside the folder that it must be in."""
+
+    code = "PERMISSION_DENIED"
+
+
+class IoFailureError(CommandError):
+    """A device or a disk failed over it."""
+
+    code = "IO_FAILURE"
+
+
+class UnavailableError(CommandError):
+    """Not now: the service recovers a device, starts, ends, or has too much to do."""
+
+    code = "UNAVAILABLE"
+
+
+class InternalError(CommandError):
+    """The service failed over it."""
+
+
+COMMAND_ERRORS: dict[str, type[CommandError]] = {
+    kind.code: kind
+    for kind in (
+        InvalidArgumentError,
+        OutOfRangeError,
+        InvalidStateError,
+        NotFoundError,
+        PermissionDeniedError,
+        IoFailureError,
+        UnavailableError,
+        InternalError,
+    )
+}
+"""Every kind of refusal, by its code."""

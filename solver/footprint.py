@@ -153,7 +153,9 @@ class AreaTerm:
             image[...] = new
         return float(sums[..., 3].sum())
 
-    def distrust(self, x: NDArray[np.floating], noise: float, slack: float) -> None:
+    def distrust(
+        self, x: NDArray[np.floating], swings: NDArray[np.floating] | None, noise: float, slack: float
+    ) -> None:
         """Weigh down samples that the padded map x does not explain.
 
         A residual r beyond a = noise / √weight + slack multiplies the weight by (a / r)²: one step of
@@ -161,6 +163,7 @@ class AreaTerm:
         reweighted least-squares", 1977) whose influence falls with the residual.
 
         Args:
+            swings: (rows + 4, columns + 4), the part of the map that explains nothing; None = no pixel's.
             noise: the usual residual's bound, for a sample of weight 1.
             slack: what the model may err by without noise.
         """
@@ -169,6 +172,10 @@ class AreaTerm:
         lost, found, kind = np.zeros_like(weights), np.empty_like(spans), weights.dtype.type
         bounds = kind(noise), kind(slack)
         team.share(kernels.distrust, *self._samples, self._blurred, *bounds, lost, found)
+        if swings is not None:
+            share = np.zeros((1, *self._blurred.shape[1:]), weights.dtype)
+            team.share(blur.blur, swings[None], self._taps, self._size, share)
+            lost *= 1 - share.ravel()[np.maximum(nodes, 0)]
         if lost.any():
             team.share(kernels.accumulate, values, lost, nodes, fractions, found, self._stencil, self._side)
             weights += lost

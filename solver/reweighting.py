@@ -7,10 +7,11 @@
 of the map of the pass before, averaged over the nearest pixels. Smooth parts are smoothed more, edges keep
 their height; the slope keeps ramps from becoming stairs; and ties keep along edges what the weights give away
 there (see `solver.ties`). Samples that the first map does not explain lose weight: deconvolution would fit
-them by swings, and the weights would take these for edges. Source: Candès, Wakin, Boyd, "Enhancing sparsity
-by reweighted ℓ1 minimization", J. Fourier Anal. Appl. 2008; the square and the average are measured, and gain
-with ties only. Each pass is convex, the whole is not: objective, gap and stopping rule are those of the last
-pass.
+them by swings, and the weights would take these for edges. Where the first map swings even so, the following
+passes are not weighted, and smooth more (see `solver.swings`). Source: Candès, Wakin, Boyd, "Enhancing
+sparsity by reweighted ℓ1 minimization", J. Fourier Anal. Appl. 2008; the square and the average are measured,
+and gain with ties only. Each pass is convex, the whole is not: objective, gap and stopping rule are those of
+the last pass.
 """
 
 from collections.abc import Callable
@@ -27,6 +28,7 @@ from solver.options import FusionOptions
 from solver.prior import Prior
 from solver.result import Progress
 from solver.slope import slope
+from solver.swings import find_swings
 from solver.ties import Ties
 
 _AROUND = 0.7
@@ -51,17 +53,19 @@ class Reweighting:
 
     Attributes:
         tied: makes the data term with ties.
-        distrust: weighs down samples that a padded map does not explain.
+        distrust: weighs down samples that a padded map does not explain, but for those in its swings.
         passes: passes after the first one, which is not weighted.
         gain: factor on λ where the map is flat.
         epsilon: ‖∇X − s‖ at which ρ is a half, in units of λ.
         edge: ‖∇X‖ from which a pixel has no say in the slope, in units of λ.
         tie, across: strength and δ of the ties, see `solver.ties`, in units of λ.
         tolerance: of all passes but the last, which only have to find the edges.
+        smoother: factor on λ where the first map swings; None = swings are not looked for.
+        outvoted: part of the map up to which samples in swings are distrusted too: most around are right.
     """
 
     tied: Callable[[Ties], Term]
-    distrust: Callable[[NDArray[np.floating]], None]
+    distrust: Callable[[NDArray[np.floating], NDArray[np.floating] | None], None]
     passes: int
     gain: float
     epsilon: float
@@ -69,6 +73,8 @@ class Reweighting:
     tie: float
     across: float
     tolerance: float = 1e-2
+    smoother: float | None = None
+    outvoted: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +137,7 @@ def minimise_reweighted(
     units of λ, or from the `trail` of a run before, whose outcome is not certified: its gap is NaN. Where
     that one's last pass has gone on since, it is not run to its end either.
     """
-    state = start(first()) if trail is None else trail.start(0, unit)
+    state, swings = start(first()) if trail is None else trail.start(0, unit), None
     ends, done = Trail(unit, plan, [state], [term]), 0
     passes, early = (0, 0.0) if plan is None else (plan.passes, plan.tolerance)
     enough = _RENEWED if trail is not None and trail.followed else options.max_iterations
@@ -151,10 +157,12 @@ def minimise_reweighted(
         if plan is not None and not last:
             before = ends.states[turn]
             if turn == 0:
-                plan.distrust(before.x)
+                swings = None if plan.smoother is None else find_swings(prior.norms(before.x), plan.epsilon)
+                many = swings is not None and swings.mean() > plan.outvoted
+                plan.distrust(before.x, swings if many else None)
             state = start_at(before.x.copy()) if trail is None else trail.start(turn + 1, unit)
             ends.states.append(state)
-            ends.terms.append(_learn(prior, before, plan, state))
+            ends.terms.append(_learn(prior, before, plan, state, swings))
     ends.memory = outcome.memory
     return replace(outcome, iterations=done), ends
 
@@ -182,12 +190,18 @@ def resume(trail: Trail, prior: Prior, options: FusionOptions, exchanged: int) -
     return outcome
 
 
-def _learn(prior: Prior, state: State, plan: Reweighting, following: State) -> Term:
+def _learn(
+    prior: Prior, state: State, plan: Reweighting, following: State, swings: NDArray[np.floating] | None
+) -> Term:
     """Give the next pass's state its weights and slope, and the data term ties along the edges."""
     kind = state.x.dtype.type
     following.slope = slope(state.x, plan.edge)
     norms, freed = prior.norms(state.x, following.slope), np.zeros_like(state.radius)
     taps = gaussian(_AROUND, _TAPS).astype(state.x.dtype)
     team.share(kernels.keep, norms, taps, kind(1 / plan.epsilon), kind(plan.gain), following.radius, freed)
+    if swings is not None and plan.smoother is not None:
+        following.slope *= 1 - swings
+        following.radius += swings * (kind(plan.smoother) - following.radius)
+        freed *= 1 - swings
     ties = Ties.along_edges(state.x, following.slope, prior, freed, plan.tie, plan.across)
     return plan.tied(ties)

@@ -1,23 +1,24 @@
-"""Binary SR4000 frames as a public recorder writes them, one file each.
+"""Binary SR4000 frames as public recorders write them, one file each.
 
-z, x, y as float32, then amplitude and confidence as uint16, 144 × 176 each, little endian, row after row. The
-times are beside them in `timestamp.log`: lines of a frame's number and seconds. Layout as read by the
-public Matlab and C++ tools of that recorder; no such file was at hand.
+Little endian, row after row, 144 × 176. Either z, x, y as float32 in metres, then amplitude and confidence
+as uint16; or, in a newer version of the recorder, amplitude, then z in millimetres, 16 bits each. The times
+are beside them in `timestamp.log`: lines of a frame's number and seconds.
 """
 
 import re
-from collections.abc import Iterator
+from decimal import Decimal
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
-from drivers.calibration import sr4000_calibration
 from drivers.errors import RecordingError
-from drivers.importers.exposure import Exposure, Findings, ImportOptions, Source
-from drivers.importers.points import radial_counts, whole_amplitude
+from drivers.importers.cartesian import SHAPE, CartesianFormat, CartesianFrame
+from drivers.importers.content import read_bounded
+from drivers.importers.exposure import Findings
+from drivers.importers.times import nanoseconds
 
-SHAPE = (144, 176)
-LAYOUT = np.dtype(
+POINTS = np.dtype(
     [
         ("z", "<f4", SHAPE),
         ("x", "<f4", SHAPE),
@@ -28,46 +29,39 @@ LAYOUT = np.dtype(
 )
 """405,504 bytes."""
 
+DEPTH = np.dtype([("amplitude", "<u2", SHAPE), ("z", "<i2", SHAPE)])
+"""101,376 bytes. A rejected pixel's z is −10 mm, the projection centre seen from the vendor's origin."""
+
 TIMES = "timestamp.log"
+LONGEST_LOG = 64 << 20
 
 
-def source(path: Path) -> Source:  # noqa: ARG001
-    """The camera: an SR4000; its amplitude is in gray mode, as the vendor's defaults have it."""
-    return Source("SR4000", None, sr4000_calibration(), 30e6, "gray")
-
-
-def count(path: Path) -> int:  # noqa: ARG001
-    """Frames in a file."""
-    return 1
-
-
-def read(path: Path, options: ImportOptions, findings: Findings) -> Iterator[Exposure]:
-    """The one exposure of a file.
+def parse(path: Path, findings: Findings) -> CartesianFrame:
+    """The frame of a binary file.
 
     Raises:
         RecordingError: another size, or a time log that cannot be read.
     """
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read ({error.strerror}); name a .bdat frame") from error
-    if len(content) != LAYOUT.itemsize:
-        raise RecordingError(
-            f"{path}: has {len(content):,} bytes, expected {LAYOUT.itemsize:,} (one SR4000 frame): "
-            "the file is torn or of another kind; copy it again"
+    content = read_bounded(path, POINTS.itemsize, "binary frame")
+    if len(content) == POINTS.itemsize:
+        frame = np.frombuffer(content, POINTS)[0]
+        x, y, z, amplitude, confidence = (
+            frame[name].astype(np.float64) for name in ("x", "y", "z", "amplitude", "confidence")
         )
-    if options.amplitude_mode is None:
-        findings.note("amplitude is taken to be in gray mode, the vendor's default: .bdat does not say")
-    frame = np.frombuffer(content, LAYOUT)[0]
-    x, y, z, amplitude, confidence = (
-        frame[name].astype(np.float64) for name in ("x", "y", "z", "amplitude", "confidence")
+        return CartesianFrame(z, x, y, amplitude, confidence, _time(path))
+    if len(content) == DEPTH.itemsize:
+        frame = np.frombuffer(content, DEPTH)[0]
+        findings.note("two images of 16 bits are taken to be amplitude, then z in millimetres")
+        z = np.where(frame["z"] > 0, frame["z"] / 1e3, np.nan)
+        amplitude = frame["amplitude"].astype(np.float64)
+        return CartesianFrame(z, None, None, amplitude, None, _time(path))
+    raise RecordingError(
+        f"{path}: has {len(content):,} bytes, expected {POINTS.itemsize:,} (z, x, y, amplitude, confidence) "
+        f"or {DEPTH.itemsize:,} (amplitude, z in mm): the file is torn or of another kind"
     )
-    frequency = options.modulation_frequency or source(path).modulation_frequency
-    yield Exposure(
-        counts=radial_counts(x, y, z, confidence, frequency, path),
-        amplitude=whole_amplitude(amplitude, path),
-        time=_time(path),
-    )
+
+
+FORMAT = CartesianFormat(parse)
 
 
 def _time(path: Path) -> int | None:
@@ -76,14 +70,26 @@ def _time(path: Path) -> int | None:
     number = re.search(r"(\d+)$", path.stem)
     if number is None or not log.exists():
         return None
-    try:
-        times = {int(index): float(seconds) for index, seconds in map(str.split, _lines(log))}
-    except (OSError, ValueError) as error:
-        raise RecordingError(f"{log}: expected lines of a frame's number and seconds ({error})") from error
+    times = _times(log, log.stat().st_mtime_ns)
     if int(number[1]) not in times:
         raise RecordingError(f"{log}: has no line for frame {int(number[1])}; complete it or take it away")
-    return round(times[int(number[1])] * 1e9)
+    return times[int(number[1])]
 
 
-def _lines(log: Path) -> list[str]:
-    return [line for line in log.read_text(encoding="ascii").splitlines() if line.strip()]
+@lru_cache(maxsize=1)
+def _times(log: Path, changed: int) -> dict[int, int]:  # noqa: ARG001 — a changed log is read anew
+    times: dict[int, int] = {}
+    for line in read_bounded(log, LONGEST_LOG, "time log").decode("utf-8-sig", "replace").splitlines():
+        if not line.strip():
+            continue
+        try:
+            index, seconds = line.split()
+            time = nanoseconds(Decimal(seconds) * 10**9)
+            number = int(index)
+        except (ArithmeticError, ValueError) as error:
+            raise RecordingError(
+                f"{log}: expected lines of a frame's number and seconds, got {line[:60]!r}"
+            ) from error
+        if times.setdefault(number, time) != time:
+            raise RecordingError(f"{log}: has two times for frame {number}; take the wrong one away")
+    return times

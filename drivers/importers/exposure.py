@@ -1,12 +1,14 @@
 """What every importer delivers, and what it may be told."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.calibration import Calibration
+from drivers.errors import RecordingError
 from drivers.frame import AmplitudeMode
 
 
@@ -35,11 +37,13 @@ class Exposure:
         counts: (H, W) uint16, radial, 65536 = one ambiguity range, 0 = rejected.
         amplitude: (H, W) uint16.
         time: ns since the file's own zero; None = the file does not say.
+        integration_time: seconds per phase sample; None = the file does not say.
     """
 
     counts: NDArray[np.uint16]
     amplitude: NDArray[np.uint16]
     time: int | None
+    integration_time: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,9 +53,10 @@ class Source:
     Attributes:
         model: for people.
         serial: serial number, or None.
-        calibration: nominal or measured for the model; None = nothing is known of its optics.
+        calibration: from the files, or nominal for the model; None = nothing is known of its optics.
         modulation_frequency: Hz, what the model usually runs at.
         amplitude_mode: what the format usually holds.
+        optics_residual: pixels, root mean square, of the fit of the optics to the files; None = not fitted.
     """
 
     model: str
@@ -59,6 +64,7 @@ class Source:
     calibration: Calibration | None
     modulation_frequency: float
     amplitude_mode: AmplitudeMode
+    optics_residual: float | None = None
 
 
 @dataclass(slots=True)
@@ -77,3 +83,16 @@ class Findings:
         """Say something once."""
         if text not in self.notes:
             self.notes.append(text)
+
+
+def check_size(shape: tuple[int, ...], calibration: Calibration, path: Path) -> None:
+    """Raise `RecordingError` where a frame and its calibration have different sizes."""
+    if shape != calibration.shape:
+        raise RecordingError(
+            f"{path}: its frame has {_size(shape)} pixels, its calibration is for "
+            f"{_size(calibration.shape)}: name files and calibration of one camera"
+        )
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    return f"{shape[0]} × {shape[1]}"

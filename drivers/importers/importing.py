@@ -1,5 +1,6 @@
 """Camera files of any known format as frames."""
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,23 +10,29 @@ from drivers.calibration import Calibration
 from drivers.errors import RecordingError
 from drivers.frame import Frame, ambiguity_range
 from drivers.importers import bdat, srs, text
-from drivers.importers.exposure import Exposure, Findings, ImportOptions, Source
-
-FRAME_TIME = 32_000_000
-"""ns; an SR4000 frame takes 31 to 32 ms, and no format says which instant of it was stamped."""
+from drivers.importers.exposure import Exposure, Findings, ImportOptions, Source, check_size
+from drivers.importers.times import FRAME_TIME, Times
 
 
 class Format(Protocol):
     """A file format: whose camera it is, its exposures, and how many there are."""
 
-    def source(self, path: Path) -> Source: ...
+    def source(self, paths: Sequence[Path], options: ImportOptions, findings: Findings) -> Source: ...
 
-    def read(self, path: Path, options: ImportOptions, findings: Findings) -> Iterator[Exposure]: ...
+    def read(
+        self, paths: Sequence[Path], source: Source, options: ImportOptions, findings: Findings
+    ) -> Iterator[tuple[Path, Exposure]]: ...
 
     def count(self, path: Path) -> int: ...
 
 
-FORMATS: dict[str, Format] = {".srs": srs, ".bdat": bdat, ".dat": text, ".txt": text}
+FORMATS: dict[str, Format] = {
+    ".srs": srs.FORMAT,
+    ".bdat": bdat.FORMAT,
+    ".bin": bdat.FORMAT,
+    ".dat": text.FORMAT,
+    ".txt": text.FORMAT,
+}
 """By suffix."""
 
 
@@ -35,19 +42,21 @@ class Import:
 
     Attributes:
         source: the camera.
-        calibration: given, or the model's.
+        calibration: given, or the files' own, or the model's.
+        optics_residual: pixels, of the fit of `calibration` to the files; None = it was not fitted.
         count: frames to expect, for a progress bar.
         findings: what there is to say; complete once all frames have been taken.
     """
 
     source: Source
     calibration: Calibration
+    optics_residual: float | None
     count: int
     findings: Findings
     _frames: Callable[[], Iterator[Frame]] = field(repr=False)
 
     def frames(self) -> Iterator[Frame]:
-        """The frames in the order of the files.
+        """The frames, file after file in the natural order of their names.
 
         Raises:
             RecordingError: a file that cannot be read, or frames that do not fit each other or the
@@ -62,7 +71,8 @@ def import_frames(
     """Read files of one camera.
 
     Args:
-        paths: files of one format; its suffix tells which.
+        paths: files of one format, which their suffix tells, and of one camera; they are taken in the natural
+            order of their names.
         options: what the files do not say.
         frames_per_burst: None = all frames are one burst.
 
@@ -73,20 +83,30 @@ def import_frames(
     if not paths:
         raise RecordingError("no file to import; name at least one frame")
     form = _format(paths)
-    source = form.source(paths[0])
+    findings = Findings()
+    ordered = sorted(paths, key=_natural)
+    if ordered != list(paths):
+        findings.note("files are taken in the natural order of their names: 2 before 10")
+    source = form.source(ordered, told, findings)
     calibration = told.calibration or source.calibration
     if calibration is None:
         raise RecordingError(
             f"{paths[0]}: nothing is known of the optics of an {source.model}; name a calibration file"
         )
-    findings = Findings()
     return Import(
         source=source,
         calibration=calibration,
+        optics_residual=None if told.calibration else source.optics_residual,
         count=sum(form.count(path) for path in paths),
         findings=findings,
-        _frames=lambda: _frames(form, paths, told, source, calibration, frames_per_burst, findings),
+        _frames=lambda: _frames(form, ordered, told, source, calibration, frames_per_burst, findings),
     )
+
+
+def _natural(path: Path) -> tuple[list[tuple[int, str]], str]:
+    """Sorts numbers inside names by their value."""
+    parts = re.split(r"(\d+)", str(path))
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts], str(path)
 
 
 def _format(paths: Sequence[Path]) -> Format:
@@ -116,14 +136,9 @@ def _frames(
     findings: Findings,
 ) -> Iterator[Frame]:
     frequency = options.modulation_frequency or source.modulation_frequency
-    clock = _Times(options.frame_rate, findings)
-    exposures = ((path, exposure) for path in paths for exposure in form.read(path, options, findings))
-    for sequence, (path, exposure) in enumerate(exposures):
-        if exposure.counts.shape != calibration.shape:
-            raise RecordingError(
-                f"{path}: its frame has {_size(exposure.counts.shape)} pixels, its calibration is for "
-                f"{_size(calibration.shape)}: name files and calibration of one camera"
-            )
+    clock = Times(options.frame_rate, findings)
+    for sequence, (path, exposure) in enumerate(form.read(paths, source, options, findings)):
+        check_size(exposure.counts.shape, calibration, path)
         burst, pose = divmod(sequence, frames_per_burst) if frames_per_burst else (0, sequence)
         yield Frame(
             counts=exposure.counts,
@@ -132,7 +147,7 @@ def _frames(
             sequence=sequence,
             pan=0.0,
             tilt=0.0,
-            integration_time=options.integration_time,
+            integration_time=options.integration_time or exposure.integration_time,
             modulation_frequency=frequency,
             ambiguity_range=ambiguity_range(frequency),
             amplitude_mode=options.amplitude_mode or source.amplitude_mode,
@@ -140,34 +155,3 @@ def _frames(
             burst=burst,
             pose=pose,
         )
-
-
-class _Times:
-    """Times that rise from frame to frame, whatever files are put after one another."""
-
-    def __init__(self, frame_rate: float | None, findings: Findings) -> None:
-        self._period = None if frame_rate is None else round(1e9 / frame_rate)
-        self._findings = findings
-        self._last: int | None = None
-        self._step = FRAME_TIME
-        self._offset = 0
-
-    def next(self, time: int | None, path: Path) -> int:
-        if time is None:
-            if self._period is None:
-                raise RecordingError(f"{path}: says no times; give the frame rate (--rate)")
-            now = 0 if self._last is None else self._last + self._period
-        else:
-            now = time + self._offset
-            if self._last is not None and now <= self._last:
-                self._offset += self._last + self._step - now
-                now = self._last + self._step
-                self._findings.note(f"the clock starts again at {path.name}; its times follow on the last")
-        if self._last is not None:
-            self._step = now - self._last
-        self._last = now
-        return now
-
-
-def _size(shape: tuple[int, ...]) -> str:
-    return f"{shape[0]} × {shape[1]}"

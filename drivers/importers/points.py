@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,7 +11,8 @@ from drivers.errors import RecordingError
 from drivers.frame import COUNTS_PER_RANGE, ambiguity_range
 
 ORIGIN_BEFORE_CENTRE = 0.010
-"""Metres from the projection centre to the vendor's origin: Z = r · cos − 0.010 (measured on real frames)."""
+"""Metres from the projection centre to the vendor's origin: Z = r · cos − 0.010 (measured on real frames of
+two cameras)."""
 
 SIGNIFICANT_BITS = 14
 """Of the SR4000's 16-bit counts: r comes in steps of 5 m / 16384 = 0.305 mm (measured on real frames)."""
@@ -22,72 +24,94 @@ ON_STEPS = 0.2
 LEAST_RANGE = 0.5
 """Metres; nearer points are too coarse for their direction to be compared."""
 
+WIDEST = 4.0
+"""Tangent of an angle that no lens of these cameras sees."""
+
 Points = NDArray[np.float64]
 
 
+def camera_points(x: Points, y: Points, z: Points) -> Points:
+    """(H, W, 3) in camera axes from the vendor's: x to the image's left, y up, origin before the centre."""
+    return np.stack([-x, -y, z + ORIGIN_BEFORE_CENTRE], axis=-1)
+
+
+def comparable(points: Points, trusted: NDArray[np.bool_], nearest: float = LEAST_RANGE) -> NDArray[np.bool_]:
+    """(H, W), the points from `nearest` metres on of which the direction can be told."""
+    far = points[..., 2]
+    known: NDArray[np.bool_] = trusted & np.isfinite(points).all(axis=-1) & (far > nearest)
+    known[known] &= (np.abs(points[known][:, :2]) < WIDEST * points[known][:, 2:]).all(axis=1)
+    return known
+
+
+def direction_error(points: Points, known: NDArray[np.bool_], calibration: Calibration) -> Points:
+    """(H, W) pixels between where points are seen and where they are projected; NaN = not `known`."""
+    error = np.full(known.shape, np.nan)
+    if known.any():
+        projected, _ = cv2.projectPoints(
+            points[known].reshape(-1, 1, 3),
+            np.zeros(3),
+            np.zeros(3),
+            calibration.intrinsics.matrix,
+            np.asarray(calibration.distortion or (0.0,) * 5),
+        )
+        error[known] = np.linalg.norm(projected.reshape(-1, 2) - np.argwhere(known)[:, ::-1], axis=1)
+    return error
+
+
+def cosines(calibration: Calibration) -> Points:
+    """(H, W) cosine of the angle between each pixel's ray and the optical axis."""
+    pixels = np.argwhere(np.ones(calibration.shape, bool))[:, ::-1].astype(np.float64)
+    rays = cv2.undistortPoints(
+        pixels.reshape(-1, 1, 2),
+        calibration.intrinsics.matrix,
+        np.asarray(calibration.distortion or (0.0,) * 5),
+        criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12),
+    )
+    cosine: Points = 1.0 / np.sqrt(1.0 + (rays.reshape(*calibration.shape, 2) ** 2).sum(axis=-1))
+    return cosine
+
+
 def radial_counts(
-    x: Points, y: Points, z: Points, confidence: NDArray[np.float64], frequency: float, origin: Path
+    radius: Points, trusted: NDArray[np.bool_], frequency: float, origin: Path
 ) -> NDArray[np.uint16]:
     """Counts of each pixel's radial distance.
 
     Args:
-        x, y, z: (H, W) metres in the vendor's axes: x to the image's left, y up, z forward, origin 10 mm in
-            front of the projection centre.
-        confidence: (H, W), 0 = the camera could not tell: the pixel is rejected.
+        radius: (H, W) metres from the projection centre.
+        trusted: (H, W), the others are rejected.
         frequency: modulation frequency, Hz.
         origin: the file, for messages.
 
     Returns:
-        (H, W) uint16. Rounded to the camera's own steps where the distances lie on them, so that they are
-        the very counts that it measured; to one count otherwise.
+        (H, W) uint16, 0 = rejected. Rounded to the camera's own steps where the distances lie on them, so
+        that they are the very counts that it measured; to one count otherwise.
 
     Raises:
         RecordingError: a distance beyond the ambiguity range.
     """
     reach = ambiguity_range(frequency)
-    radius = np.sqrt(x**2 + y**2 + (z + ORIGIN_BEFORE_CENTRE) ** 2)
-    usable = (confidence > 0) & np.isfinite(radius)
+    usable = trusted & np.isfinite(radius)
+    farthest = radius[usable].max(initial=0.0)
     step = 1 << (16 - SIGNIFICANT_BITS)
-    exact = np.where(usable, radius, 0.0) * (COUNTS_PER_RANGE / reach)
+    exact = np.where(usable, np.minimum(radius, 2 * reach), 0.0) * (COUNTS_PER_RANGE / reach)
     off = exact[usable] / step
     if off.size and np.sqrt(np.mean((off - np.round(off)) ** 2)) > ON_STEPS:
         step = 1
     counts = np.round(exact / step) * step
     if counts.max(initial=0) >= COUNTS_PER_RANGE:
-        farthest = radius[usable].max()
         raise RecordingError(
-            f"{origin}: a point is {farthest:.3f} m away, beyond the {reach:.3f} m that can be told apart at "
-            f"{frequency / 1e6:g} MHz: say at which frequency the camera ran"
+            f"{origin}: a point is {farthest:.4g} m away, beyond the {reach:.3f} m that can be told apart at "
+            f"{frequency / 1e6:g} MHz: say at which frequency the camera ran (--frequency), or the file is "
+            "damaged or of another kind"
         )
     return counts.astype(np.uint16)
 
 
-def direction_error(x: Points, y: Points, z: Points, calibration: Calibration) -> float | None:
-    """Pixels, median, between where points are seen and where the calibration projects them.
-
-    None where there is no point to compare.
-    """
-    import cv2
-
-    points = np.stack([-x, -y, z + ORIGIN_BEFORE_CENTRE], axis=-1)
-    usable = np.isfinite(points).all(axis=-1) & (points[..., 2] > LEAST_RANGE)
-    if not usable.any():
-        return None
-    seen = np.stack(np.meshgrid(np.arange(x.shape[1]), np.arange(x.shape[0])), axis=-1)[usable]
-    projected, _ = cv2.projectPoints(
-        points[usable].reshape(-1, 1, 3),
-        np.zeros(3),
-        np.zeros(3),
-        calibration.intrinsics.matrix,
-        np.asarray(calibration.distortion or (0.0,) * 5),
-    )
-    return float(np.median(np.linalg.norm(projected.reshape(-1, 2) - seen, axis=1)))
-
-
-def whole_amplitude(amplitude: NDArray[np.float64], origin: Path) -> NDArray[np.uint16]:
-    """(H, W) uint16; raises `RecordingError` where values are not counts."""
-    if not (np.isfinite(amplitude).all() and amplitude.min() >= 0 and amplitude.max() <= 0xFFFF):
+def whole_amplitude(amplitude: Points, origin: Path) -> NDArray[np.uint16]:
+    """(H, W) uint16, 0 where there is none; raises `RecordingError` where values are not counts."""
+    known = amplitude[np.isfinite(amplitude)]
+    if known.min(initial=0.0) < 0 or known.max(initial=0.0) > 0xFFFF:
         raise RecordingError(
-            f"{origin}: amplitudes run from {amplitude.min():g} to {amplitude.max():g}; expected 0 to 65535"
+            f"{origin}: amplitudes run from {known.min():g} to {known.max():g}; expected 0 to 65535"
         )
-    return np.round(amplitude).astype(np.uint16)
+    return np.round(np.nan_to_num(amplitude, posinf=0.0, neginf=0.0)).astype(np.uint16)

@@ -11,6 +11,13 @@ from drivers.settings import CameraSettings
 
 log = logging.getLogger(__name__)
 
+AUTO_EXPOSURE = ("SR_SetAutoExposure", "SR_SetAutoIllumination")
+"""The same control under its present name and that of 2008 (vendor headers)."""
+
+FIRMWARE_REGISTER, DUAL_FIRMWARE, NO_FIRMWARE = 46, 0x73, 0xFF
+"""Register of an SR4000's firmware version, the first version with a second integration time, and the value
+where there is none (vendor's self-test and header)."""
+
 
 class Adjuster:
     """Sets and reads one camera's settings; the caller holds the camera's lock.
@@ -68,11 +75,35 @@ class Adjuster:
 
     def auto_exposure(self, on: bool) -> None:
         """Switch the library's control of the integration time on or off."""
-        if not self._library.has("SR_SetAutoExposure"):
-            if on:
-                raise self._refused("auto exposure", f"{self._library.path} has no SR_SetAutoExposure")
-            return
-        self._set("SR_SetAutoExposure", 0, *(self._model.auto_exposure if on else AUTO_EXPOSURE_OFF))
+        name = next(filter(self._library.has, AUTO_EXPOSURE), None)
+        arguments = self._model.auto_exposure if on else AUTO_EXPOSURE_OFF
+        if arguments is None:
+            raise self._refused("auto exposure", "no values are documented that work for it")
+        if name is not None:
+            self._set(name, 0, *arguments)
+        elif on:
+            raise self._refused("auto exposure", f"{self._library.path} has no {AUTO_EXPOSURE[0]}")
+
+    def saturation_threshold(self, counts: int) -> None:
+        """Let the camera itself reject pixels whose intensity exceeds this."""
+        self._require("a saturation threshold", "SR_SetSaturationThreshold")
+        self._set("SR_SetSaturationThreshold", 0, counts)
+
+    def dual_integration(self, percent: int) -> None:
+        """Expose each frame a second time, for this share of the integration time; 0 = once."""
+        self._require("a second integration time", "SR_SetDualIntegrationTime", "SR_GetReg")
+        firmware = self._library.call("SR_GetReg", self._handle, FIRMWARE_REGISTER)
+        if not DUAL_FIRMWARE <= firmware < NO_FIRMWARE:
+            raise self._refused(
+                "a second integration time",
+                f"its firmware is 0x{firmware:02x}, needed is 0x{DUAL_FIRMWARE:x}",
+            )
+        self._set("SR_SetDualIntegrationTime", 2, percent)
+
+    def _require(self, what: str, *names: str) -> None:
+        missing = [name for name in names if not self._library.has(name)]
+        if missing:
+            raise self._refused(what, f"{self._library.path} has no {' and no '.join(missing)}")
 
     def _register_value(self, time: float) -> int:
         exposure = self._model.exposure

@@ -10,8 +10,11 @@ from numpy.typing import NDArray
 from drivers.errors import OperationError
 from drivers.mesasr.library import Library
 
-DISTANCE, AMPLITUDE = 0, 1
-"""Image types, and also the order in which `SR_GetImage` counts them (vendor header)."""
+DISTANCE, AMPLITUDE, CONFIDENCE = 0, 1, 8
+"""Image types (vendor header)."""
+
+INDICES = {DISTANCE: 0, AMPLITUDE: 1, CONFIDENCE: 2}
+"""How `SR_GetImage` counts them; a confidence map is there only in that acquire mode."""
 
 UINT16 = 3
 """Data type of every image in practice (vendor header)."""
@@ -36,17 +39,23 @@ STRIDES = (20, 24) if ctypes.sizeof(c_void_p) == 8 else (16,)
 first, for it reads nothing beyond a list of either kind."""
 
 
-def image_addresses(library: Library, handle: c_void_p, shape: tuple[int, int]) -> dict[int, int]:
-    """Addresses of the distance and the amplitude image; valid until the mode is changed.
+def image_addresses(
+    library: Library, handle: c_void_p, shape: tuple[int, int], kinds: tuple[int, ...]
+) -> dict[int, int]:
+    """Addresses of images by type; valid until the mode is changed.
 
     Raises:
         OperationError: the library has no such image.
     """
     found = _from_list(library, handle, shape)
     if found is None:
-        found = {kind: library.call("SR_GetImage", handle, kind) for kind in (DISTANCE, AMPLITUDE)}
-    if not (found.get(DISTANCE) and found.get(AMPLITUDE)):
-        raise OperationError(f"the library holds no distance and amplitude image{library.explain()}")
+        found = {kind: library.call("SR_GetImage", handle, INDICES[kind]) for kind in kinds}
+    if not all(found.get(kind) for kind in kinds):
+        raise OperationError(
+            f"the library holds images of the types {sorted(kind for kind in found if found[kind])}, needed "
+            f"are {list(kinds)} (0 distance, 1 amplitude, 8 confidence, which acquire_mode 0x100 asks for)"
+            f"{library.explain()}"
+        )
     return found
 
 

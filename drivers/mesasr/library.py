@@ -1,7 +1,8 @@
 """The vendor's library, libMesaSR: where it may be loaded from, and the signature of each function.
 
-Signatures follow the vendor's header; functions whose signature is not public are not declared and so cannot
-be called.
+Signatures follow the vendor's headers (1.0.14; of 2008 for `SR_SetAutoIllumination`, of 2007 for
+`SR_SetSaturationThreshold`, which later libraries export without declaring it); functions whose signature is
+not public are not declared and so cannot be called.
 """
 
 import ctypes
@@ -77,6 +78,10 @@ SIGNATURES: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "SR_GetAmplitudeThreshold": (c_ushort, (c_void_p,)),
     "SR_SetModulationFrequency": (c_int, (c_void_p, c_int)),
     "SR_GetModulationFrequency": (c_int, (c_void_p,)),
+    "SR_SetSaturationThreshold": (c_int, (c_void_p, c_ushort)),
+    "SR_SetDualIntegrationTime": (c_int, (c_void_p, c_int)),
+    "SR_GetReg": (c_ubyte, (c_void_p, c_ubyte)),
+    "SR_SetAutoIllumination": (c_int, (c_void_p, c_ubyte, c_ubyte, c_ubyte, c_ubyte)),
     "SR_SetAutoExposure": (c_int, (c_void_p, c_ubyte, c_ubyte, c_ubyte, c_ubyte)),
     "SR_SetTimeout": (None, (c_void_p, c_int)),
     "SR_ReadSerial": (c_uint, (c_void_p,)),
@@ -118,7 +123,7 @@ class Library:
                 function = getattr(self._functions, name)
                 function.restype, function.argtypes = result, arguments
         if missing := [name for name in NEEDED if not self.has(name)]:
-            raise NotAvailableError(f"{path} is no libMesaSR: it lacks {', '.join(missing)}")
+            raise NotAvailableError(f"{path} is no libMesaSR of 2008 or later: it lacks {', '.join(missing)}")
         self._callback = Callback(self._message)  # kept alive as long as the library may call it
         if self.has("SR_SetCallback"):
             self.call("SR_SetCallback", self._callback)

@@ -2,6 +2,7 @@
 
 from drivers.recording import attachments
 from drivers.recording.damage import Damage
+from drivers.recording.head import RecordingHead, recording_head
 from drivers.recording.reader import Recording, open_recording
 from drivers.recording.recover import recover, recovered_path
 from drivers.recording.summary import RecordingSummary
@@ -10,10 +11,12 @@ from drivers.recording.writer import RecordingWriter
 __all__ = [
     "Damage",
     "Recording",
+    "RecordingHead",
     "RecordingSummary",
     "RecordingWriter",
     "attachments",
     "open_recording",
+    "recording_head",
     "recover",
     "recovered_path",
 ]

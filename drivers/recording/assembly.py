@@ -1,84 +1,143 @@
-"""Frames put together from the messages of a recording."""
+"""Frames put together from messages that come in any order."""
 
-from collections import OrderedDict
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple, cast
 
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from drivers.documents import told
 from drivers.errors import RecordingError
-from drivers.frame import Frame
-from drivers.messages import (
-    CAMERA_AMPLITUDE,
-    CAMERA_DISTANCE,
-    CAMERA_FRAME,
-    FrameFields,
-    Message,
-    decode_image,
-)
+from drivers.messages import CAMERA_AMPLITUDE, CAMERA_DISTANCE, CAMERA_FRAME, FrameFields, decode_image
 
 FRAME_TOPICS = (CAMERA_DISTANCE, CAMERA_AMPLITUDE, CAMERA_FRAME)
 
-MAX_PENDING = 16
-"""Frames waiting for their other messages; a frame's messages are written together, so more is a loss."""
+MESSAGE_ENCODINGS = {CAMERA_DISTANCE: "protobuf", CAMERA_AMPLITUDE: "protobuf", CAMERA_FRAME: "json"}
+"""A message of another encoding on one of these topics is somebody else's."""
+
+_ALL_FIELDS = set(FrameFields.model_fields)
+_IMAGES = {CAMERA_DISTANCE: "16UC1", CAMERA_AMPLITUDE: "mono16"}
+
+
+Key = tuple[int, int]
+"""Publish time (ns) and sequence (32 bits), which the messages of a frame share."""
+
+
+class Place(NamedTuple):
+    """Where a payload lies: in the chunk at that offset of the file, or in the file itself (None); bytes."""
+
+    chunk: int | None
+    start: int
+    end: int
+
+
+class Part(NamedTuple):
+    """One message of a frame: an image's size, or the fields."""
+
+    place: Place
+    log_time: int
+    said: tuple[int, int] | FrameFields
+
+
+@dataclass(frozen=True, slots=True)
+class FrameEntry:
+    """What is remembered of each frame: all but its images, their size (rows, columns), and where they lie.
+
+    Attributes:
+        log_time: of its fields' message, ns.
+        places: of distance, amplitude and fields.
+    """
+
+    fields: FrameFields
+    shape: tuple[int, int]
+    log_time: int
+    places: tuple[Place, Place, Place]
+
+    @property
+    def offset(self) -> int:
+        """Where its fields lie in the file, bytes; a chunk's begin for all that it holds."""
+        place = self.places[2]
+        return place.start if place.chunk is None else place.chunk
+
+    @property
+    def sequence(self) -> int:
+        return self.fields.sequence
+
+    @property
+    def timestamp(self) -> int:
+        return self.fields.timestamp
+
+    @property
+    def burst(self) -> int | None:
+        return self.fields.burst
+
+    @property
+    def pose(self) -> int | None:
+        return self.fields.pose
 
 
 class FrameAssembler:
-    """Matches distance, amplitude and fields by time and sequence.
+    """Matches distance, amplitude and fields by time and sequence; only their places are remembered.
 
-    Attributes:
-        incomplete: sequences (32 bits) of frames whose other messages never came.
+    Where several messages of a topic have one time and sequence (two recordings put into one file), the first
+    of each topic belong together, then the second, and so on.
     """
 
     def __init__(self) -> None:
-        self.incomplete: list[int] = []
-        self._pending: OrderedDict[tuple[int, int], dict[str, bytes]] = OrderedDict()
+        self._pending: dict[Key, tuple[list[Part], list[Part], list[Part]]] = {}
 
-    def add(self, message: Message) -> Frame | None:
-        """The frame that this message completes, if it does.
-
-        Raises:
-            RecordingError: messages that do not decode, or do not fit each other.
-        """
-        key = message.publish_time, message.sequence
-        parts = self._pending.setdefault(key, {})
-        parts[message.topic] = message.payload
-        if len(parts) < len(FRAME_TOPICS):
-            if len(self._pending) > MAX_PENDING:
-                self._give_up_oldest()
+    def add(self, topic: str, key: Key, part: Part) -> tuple[Part, Part, Part] | None:
+        """Distance, amplitude and fields of the frame that a part completes, if it does."""
+        lists = self._pending.setdefault(key, ([], [], []))
+        lists[FRAME_TOPICS.index(topic)].append(part)
+        if not all(lists):
             return None
-        del self._pending[key]
-        return _frame(parts, message.sequence)
+        distance, amplitude, fields = (found.pop(0) for found in lists)
+        if not any(lists):
+            del self._pending[key]
+        return distance, amplitude, fields
 
-    def finish(self) -> None:
-        """No more messages will come."""
-        while self._pending:
-            self._give_up_oldest()
-
-    def _give_up_oldest(self) -> None:
-        (_, sequence), _ = self._pending.popitem(last=False)
-        self.incomplete.append(sequence)
+    def incomplete(self) -> Iterator[tuple[Key, list[Part]]]:
+        """Key and parts of each frame whose other messages never came."""
+        for key, lists in self._pending.items():
+            for rank in range(max(map(len, lists))):
+                yield key, [parts[rank] for parts in lists if rank < len(parts)]
 
 
-def _frame(parts: dict[str, bytes], sequence: int) -> Frame:
-    try:
-        fields = FrameFields.model_validate_json(parts[CAMERA_FRAME])
-    except ValidationError as error:
-        faults = "; ".join(f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}" for fault in error.errors())
+def frame_entry(distance: Part, amplitude: Part, fields: Part) -> FrameEntry:
+    """A frame of its parts; raises `RecordingError` where its images are not of one size."""
+    said, size = cast(FrameFields, fields.said), cast(tuple[int, int], distance.said)
+    if size != amplitude.said:
         raise RecordingError(
-            f"{CAMERA_FRAME} of frame {sequence} is not what it should be: {faults}"
-        ) from error
-    counts, amplitude = _image(parts, CAMERA_DISTANCE), _image(parts, CAMERA_AMPLITUDE)
-    try:
-        return fields.frame(counts, amplitude)
-    except ValueError as error:
-        raise RecordingError(
-            f"images of frame {sequence} do not fit: {error}; expected a pair of equal size, 16UC1 and mono16"
-        ) from error
+            f"images of frame {said.sequence} do not fit: counts {size} and amplitude {amplitude.said}; "
+            "expected a pair of equal size"
+        )
+    return FrameEntry(said, size, fields.log_time, (distance.place, amplitude.place, fields.place))
 
 
-def _image(parts: dict[str, bytes], topic: str) -> NDArray[Any]:
+def part_of(topic: str, payload: bytes, place: Place, log_time: int) -> Part:
+    """A message of a frame, checked.
+
+    Raises:
+        RecordingError: it does not decode.
+    """
+    if topic == CAMERA_FRAME:
+        return Part(place, log_time, _fields(payload))
     try:
-        return decode_image(parts[topic])
+        image = decode_image(payload)
     except RecordingError as error:
         raise RecordingError(f"{topic}: {error}") from error
+    if image.dtype.str != "<u2" or image.ndim != 2:
+        raise RecordingError(
+            f"{topic}: image of {image.dtype} with shape {image.shape}; expected {_IMAGES[topic]}"
+        )
+    return Part(place, log_time, (image.shape[0], image.shape[1]))
+
+
+def _fields(payload: bytes) -> FrameFields:
+    try:
+        checked = FrameFields.model_validate_json(payload)
+    except ValidationError as error:
+        raise RecordingError(f"{CAMERA_FRAME} is not what it should be: {told(error)}") from error
+    # A model's own set of its fields' names is as large as all else in it, and an hour has 180,000 frames.
+    return FrameFields.model_construct(_ALL_FIELDS, **dict(checked))

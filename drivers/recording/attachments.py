@@ -3,6 +3,9 @@
 CALIBRATION = "calibration.toml"
 CONFIGURATION = "configuration.toml"
 THUMBNAIL = "thumbnail.png"
+TRUE_CALIBRATION = "true-calibration.toml"
+"""Of a simulated camera whose calibration is not the true one."""
+
 TRUTH = "truth.npz"
 VERSIONS = "versions.json"
 

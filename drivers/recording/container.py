@@ -1,34 +1,68 @@
-"""Reading an MCAP file record by record, past damage where the format allows.
+"""Walking through an MCAP file record by record, past damage where the format allows, with bounded memory.
 
-The library's own readers end at the first fault, so the walk from record to record is done here and the
-library only decodes each one. Layout: https://mcap.dev/spec.
+The library's own readers end at the first fault and hold whole attachments, so the walk from record to record
+is done here.
 """
 
 import os
-import struct
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from io import BytesIO
+from dataclasses import dataclass
 from typing import BinaryIO, Literal
 
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, ChunkIndex, McapRecord, MessageIndex, Metadata, Schema
-from mcap.records import AttachmentIndex as AttachmentIndexRecord
-from mcap.records import Message as MessageRecord
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.records import McapRecord
 
-MAGIC = b"\x89MCAP0\r\n"
-HEADER_SIZE = 9
-"""Opcode (1 byte) and length (8 bytes) before each record's content."""
+from drivers.recording.index import MAGIC, read_index
+from drivers.recording.records import (
+    LONGEST_ATTACHMENT_HEAD,
+    MOST_AT_ONCE,
+    RECORD_HEADER,
+    AttachmentEntry,
+    OpenedChunk,
+    StoredMessage,
+    attachment_entry,
+    decode,
+    open_chunk,
+    stored_message,
+)
 
-FOOTER_SIZE = HEADER_SIZE + 20
-DATA_END_LENGTH = 4
-FIRST_PRIVATE_OPCODE = 0x80
+_DATA_END_SIZE = 4
+_BLOCK = 1 << 20
+
+_DATA_KINDS = frozenset(
+    {
+        Opcode.HEADER,
+        Opcode.SCHEMA,
+        Opcode.CHANNEL,
+        Opcode.MESSAGE,
+        Opcode.CHUNK,
+        Opcode.MESSAGE_INDEX,
+        Opcode.ATTACHMENT,
+        Opcode.METADATA,
+    }
+)
+_SUMMARY_KINDS = frozenset(
+    {
+        Opcode.SCHEMA,
+        Opcode.CHANNEL,
+        Opcode.CHUNK_INDEX,
+        Opcode.ATTACHMENT_INDEX,
+        Opcode.STATISTICS,
+        Opcode.METADATA_INDEX,
+        Opcode.SUMMARY_OFFSET,
+        Opcode.FOOTER,
+    }
+)
+_FIRST_UNKNOWN = 0x10
 
 Part = Literal["end", "chunk", "attachment", "record", "index"]
+
+_PARTS: dict[int, Part] = {
+    Opcode.CHUNK: "chunk",
+    Opcode.ATTACHMENT: "attachment",
+    Opcode.MESSAGE_INDEX: "index",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,154 +81,165 @@ class Fault:
     reason: str
 
 
-@dataclass
-class _Index:
-    """The summary at the end of a whole file."""
+@dataclass(frozen=True, slots=True)
+class Located:
+    """A record, and where it stands in the file, its header included.
 
-    start: int
-    definitions: list[McapRecord] = field(default_factory=list)
-    offsets: list[int] = field(default_factory=list)
+    Attributes:
+        record: None = of a kind that is not known here, to be kept as it is.
+        offset, length: in bytes; 0 where it comes from the index.
+    """
+
+    record: McapRecord | AttachmentEntry | OpenedChunk | StoredMessage | None
+    offset: int = 0
+    length: int = 0
 
 
-def walk(file: BinaryIO) -> Iterator[McapRecord | Fault]:
+def walk(file: BinaryIO) -> Iterator[Located | Fault]:
     """Every record that can be read, in file order, and a `Fault` for each stretch that cannot.
 
-    Chunks are opened and their checksums compared, as are those of attachments and of the index. Schemas and
-    channels that the index repeats come first, so that a damaged first chunk does not take them along. The
-    message indexes of a damaged chunk follow its fault: they tell what it held.
+    Chunks are opened and their checksums compared, as are those of attachments, of the index and of the
+    whole. Schemas, channels and statistics of the index come first, so that a damaged first chunk does not
+    take them along. The message indexes of a damaged chunk follow its fault: they tell what it held.
 
     Args:
         file: opened for reading bytes, with `MAGIC` at its start.
     """
-    size = file.seek(0, os.SEEK_END)
-    index = _read_index(file, size)
-    if index is not None:
-        yield from index.definitions
-    position, chunk_failed, checksum, whole = len(MAGIC), False, zlib.crc32(MAGIC), True
-    while True:
-        file.seek(position)
-        header = file.read(HEADER_SIZE)
-        opcode, length = struct.unpack("<BQ", header) if len(header) == HEADER_SIZE else (0, 0)
-        after = position + HEADER_SIZE + length
-        if opcode == Opcode.DATA_END and length == DATA_END_LENGTH:
-            stored = int.from_bytes(file.read(DATA_END_LENGTH), "little")
-            yield from _ending(position, size, index, whole and stored not in (0, checksum))
-            return
-        if after > size or not _is_known(opcode):
-            resumed = _next_known(index, position)
-            if resumed is None:
-                yield Fault("end", position, size - position, _tear(header, opcode, length))
+    return _Walk(file).items()
+
+
+class _Walk:
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._size = file.seek(0, os.SEEK_END)
+        self._index = read_index(file, self._size)
+        self._checksum = zlib.crc32(MAGIC)
+        self._is_whole = True
+        self._unknown: list[Fault] = []
+
+    def items(self) -> Iterator[Located | Fault]:
+        for record in self._index.known if self._index is not None else ():
+            yield Located(record)
+        position = len(MAGIC)
+        while True:
+            opcode, length = self._header(position)
+            after = position + RECORD_HEADER.size + length
+            if opcode == Opcode.DATA_END and self._is_end(length, after):
+                yield from self._ending(position)
                 return
-            yield Fault("record", position, resumed - position, "its record header is garbled")
-            position, whole = resumed, False
-            continue
-        content = file.read(length)
-        checksum = zlib.crc32(content, zlib.crc32(header, checksum))
-        found = _decode(opcode, content, position)
-        if isinstance(found, Fault):
-            chunk_failed, whole = found.part == "chunk", False
+            if after > self._size or not (opcode in _DATA_KINDS or opcode >= _FIRST_UNKNOWN):
+                resumed = self._next_known(position)
+                if resumed is None:
+                    yield from self._unknown
+                    yield Fault("end", position, self._size - position, self._tear(position, opcode, length))
+                    return
+                yield Fault("record", position, resumed - position, "its record header is garbled")
+                position, self._is_whole = resumed, False
+                continue
+            self._checksum = zlib.crc32(RECORD_HEADER.pack(opcode, length), self._checksum)
+            found = self._read(opcode, position, length)
+            self._is_whole &= not isinstance(found, Fault)
             yield found
-        else:
-            chunk_failed = chunk_failed and opcode == Opcode.MESSAGE_INDEX
-            yield from (record for record in found if chunk_failed or not isinstance(record, MessageIndex))
-        position = after
+            position = after
 
+    def _header(self, position: int) -> tuple[int, int]:
+        self._file.seek(position)
+        header = self._file.read(RECORD_HEADER.size)
+        opcode, length = RECORD_HEADER.unpack(header) if len(header) == RECORD_HEADER.size else (0, 0)
+        return opcode, length
 
-def _ending(position: int, size: int, index: _Index | None, is_changed: bool) -> Iterator[Fault]:
-    if is_changed:
-        yield Fault("index", 0, position, "a record without a checksum of its own has changed")
-    if index is None:
-        yield Fault("index", position, size - position, "the index is missing or damaged")
+    def _is_end(self, length: int, after: int) -> bool:
+        """Whether an end of data is one, and not another record with a flipped bit: the summary follows."""
+        if length < _DATA_END_SIZE or after > self._size:
+            return False
+        if self._index is not None:
+            return after == self._index.start
+        self._file.seek(after)
+        following = self._file.read(1)
+        return not following or following[0] in _SUMMARY_KINDS
 
+    def _read(self, opcode: int, position: int, length: int) -> Located | Fault:
+        part = _PARTS.get(opcode, "record")
+        start, whole = position + RECORD_HEADER.size, RECORD_HEADER.size + length
+        self._file.seek(start)
+        if opcode == Opcode.ATTACHMENT:
+            attached = self._attachment(start, length)
+            if isinstance(attached, str):
+                return Fault(part, position, whole, attached)
+            return Located(attached, position, whole)
+        if opcode >= _FIRST_UNKNOWN:
+            self._pass_over(length)
+            self._unknown.append(Fault(part, position, whole, f"records of kind {opcode} are not known here"))
+            return Located(None, position, whole)
+        if length > MOST_AT_ONCE:
+            self._pass_over(length)
+            return Fault(part, position, whole, f"more than the {MOST_AT_ONCE:,} bytes that are read at once")
+        content = self._take(length)
+        try:
+            return Located(_decoded(opcode, content, start), position, whole)
+        except Exception as error:  # garbage makes each decoder fail in its own way, decompressors included
+            return Fault(part, position, whole, str(error) or type(error).__name__)
 
-def _decode(opcode: int, content: bytes, offset: int) -> list[McapRecord] | Fault:
-    stream = ReadDataStream(BytesIO(content))
-    part: Part = (
-        "chunk" if opcode == Opcode.CHUNK else "attachment" if opcode == Opcode.ATTACHMENT else "record"
-    )
-    try:
-        match opcode:
-            case Opcode.CHUNK:
-                return breakup_chunk(Chunk.read(stream), validate_crc=True)
-            case Opcode.ATTACHMENT:
-                return [_attachment(content, stream)]
-            case Opcode.METADATA:
-                return [Metadata.read(stream)]
-            case Opcode.SCHEMA:
-                return [Schema.read(stream)]
-            case Opcode.CHANNEL:
-                return [Channel.read(stream)]
-            case Opcode.MESSAGE:
-                return [MessageRecord.read(stream, len(content))]
-            case Opcode.MESSAGE_INDEX:
-                return [MessageIndex.read(stream)]
-    except Exception as error:  # garbage makes each decoder fail in its own way, decompressors included
-        return Fault(part, offset, HEADER_SIZE + len(content), _reason(error))
-    return []
+    def _attachment(self, start: int, length: int) -> AttachmentEntry | str:
+        """An attachment whose checksum agrees, or what is wrong; its content passes in blocks."""
+        head = self._take(min(length, LONGEST_ATTACHMENT_HEAD))
+        entry = attachment_entry(head, start)
+        if entry is None or entry.data_offset + entry.size + 4 > start + length:
+            self._pass_over(length - len(head))
+            return "it is shorter than its fields"
+        checked = entry.data_offset + entry.size - start
+        checksum, taken = zlib.crc32(head[:checked]), len(head)
+        tail = head[checked:]
+        while taken < length:
+            block = self._take(min(_BLOCK, length - taken))
+            inside = max(0, checked - taken)
+            checksum = zlib.crc32(block[:inside], checksum)
+            tail = (tail + block[inside:])[:4]
+            taken += len(block)
+        stored = int.from_bytes(tail[:4], "little")
+        if stored and stored != checksum:
+            return f"checksum of {entry.name!r} does not match"
+        return entry
 
+    def _take(self, length: int) -> bytes:
+        content = self._file.read(length)
+        if len(content) != length:
+            raise OSError("the file became shorter while it was read")
+        self._checksum = zlib.crc32(content, self._checksum)
+        return content
 
-def _attachment(content: bytes, stream: ReadDataStream) -> Attachment:
-    record: Attachment = Attachment.read(stream)
-    stored = int.from_bytes(content[-4:], "little")
-    if stored and zlib.crc32(content[:-4]) != stored:  # the library does not compare it
-        raise ValueError(f"checksum of {record.name!r} does not match")
-    return record
+    def _pass_over(self, length: int) -> None:
+        while length > 0:
+            length -= len(self._take(min(_BLOCK, length)))
 
+    def _ending(self, position: int) -> Iterator[Fault]:
+        self._file.seek(position + RECORD_HEADER.size)
+        stored = int.from_bytes(self._file.read(_DATA_END_SIZE), "little")
+        if stored != self._checksum:  # else they were written like that
+            yield from self._unknown
+        if self._is_whole and stored not in (0, self._checksum):
+            yield Fault("index", 0, position, "a record without a checksum of its own has changed")
+        if self._index is None:
+            yield Fault("index", position, self._size - position, "the index is missing or damaged")
 
-def _read_index(file: BinaryIO, size: int) -> _Index | None:
-    """The summary of a file that ends as it should, checksum compared; None otherwise."""
-    tail = FOOTER_SIZE + len(MAGIC)
-    if size < len(MAGIC) + tail:
-        return None
-    file.seek(size - tail)
-    footer, magic = file.read(FOOTER_SIZE), file.read()
-    opcode, length, start, _, checksum = struct.unpack("<BQQQI", footer)
-    if magic != MAGIC or opcode != Opcode.FOOTER or length != 20 or start > size - tail:
-        return None
-    if start == 0:
-        return _Index(size - tail)
-    file.seek(start)
-    content = file.read(size - tail - start)
-    if checksum and zlib.crc32(content + footer[:-4]) != checksum:
-        return None
-    index = _Index(start)
-    try:
-        for record in StreamReader(BytesIO(content + footer + MAGIC), skip_magic=True).records:
-            if isinstance(record, (Schema, Channel)):
-                index.definitions.append(record)
-            elif isinstance(record, ChunkIndex):
-                index.offsets.append(record.chunk_start_offset)
-            elif isinstance(record, AttachmentIndexRecord):
-                index.offsets.append(record.offset)
-    except (McapError, ValueError, struct.error):
-        return None
-    return index
+    def _next_known(self, position: int) -> int | None:
+        """Where the next record starts of which the index knows; None without an index."""
+        if self._index is None:
+            return None
+        data_end = self._index.start - RECORD_HEADER.size - _DATA_END_SIZE
+        return min((offset for offset in [*self._index.offsets, data_end] if offset > position), default=None)
 
-
-def _next_known(index: _Index | None, position: int) -> int | None:
-    """Where the next record starts of which the index knows; None without an index."""
-    if index is None:
-        return None
-    data_end = index.start - HEADER_SIZE - 4
-    return min((offset for offset in [*index.offsets, data_end] if offset > position), default=None)
-
-
-def _is_known(opcode: int) -> bool:
-    """Whether a record of this kind may stand in the data section, before its end."""
-    data = (Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX)
-    return opcode >= FIRST_PRIVATE_OPCODE or opcode in (*data, Opcode.ATTACHMENT, Opcode.METADATA)
-
-
-def _tear(header: bytes, opcode: int, length: int) -> str:
-    if len(header) < HEADER_SIZE:
-        return "the file ends here, without an index"
-    if not _is_known(opcode):
+    def _tear(self, position: int, opcode: int, length: int) -> str:
+        if self._size - position < RECORD_HEADER.size:
+            return "the file ends here, without an index"
+        if opcode in _DATA_KINDS or opcode >= _FIRST_UNKNOWN:
+            return f"the last record should have {length:,} bytes"
         return f"what follows is not a record (type {opcode})"
-    return f"the last record should have {length:,} bytes"
 
 
-def _reason(error: Exception) -> str:
-    if isinstance(error, ImportError):
-        return str(error)
-    text = str(error)
-    return "checksum does not match" if "crc validation" in text else text or type(error).__name__
+def _decoded(opcode: int, content: bytes, start: int) -> McapRecord | OpenedChunk | StoredMessage:
+    if opcode == Opcode.CHUNK:
+        return open_chunk(content)
+    if opcode == Opcode.MESSAGE:
+        return stored_message(content, 0, len(content), start)
+    return decode(opcode, content)

@@ -1,52 +1,71 @@
 """Reading a recording back: the very same frames, and what is missing where it is damaged."""
 
-from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
-from io import BytesIO
-from itertools import groupby
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
-from mcap.records import Attachment
 from numpy.typing import NDArray
 
-from drivers.calibration import Calibration, Intrinsics
+from drivers.calibration import Calibration
 from drivers.errors import RecordingError
 from drivers.frame import Frame
-from drivers.messages import CAMERA_CALIBRATION, Message, decode_calibration
+from drivers.messages import Message, decode_image
 from drivers.recording import attachments
-from drivers.recording.assembly import FRAME_TOPICS, FrameAssembler
-from drivers.recording.contents import FrameEntry, TopicEntry, read_contents, read_messages
-from drivers.recording.damage import Damage, ShortBurst, unreadable
+from drivers.recording.arrangement import arranged, cut, indistinct, scans
+from drivers.recording.assembly import FRAME_TOPICS, FrameEntry, Place
+from drivers.recording.calibrations import Calibrations
+from drivers.recording.contents import Contents, FoundMessage, TopicEntry, read_contents, read_messages
+from drivers.recording.damage import Damage, assess
+from drivers.recording.payloads import Payloads
+from drivers.recording.records import AttachmentEntry
 from drivers.recording.summary import RecordingSummary, summarise
+from drivers.recording.truth import unpack_truth
+
+_LARGEST_ATTACHMENT = 256 << 20
+"""Bytes of an attachment that is read: a calibration of 16 million pixels has some 160 MB."""
 
 
 class Recording:
     """A recording opened for reading; read through once when it is opened, checksums compared.
 
+    Frames come in the file's order, or by log time where the file was sorted otherwise. Images stay in the
+    file and are fetched when they are asked for.
+
     Raises:
-        RecordingError: the file cannot be read at all, or its frames do not decode.
+        RecordingError: the file cannot be read at all.
     """
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
         self._contents = read_contents(self.path)
+        self._entries = arranged(self._contents.frames)
+        self._calibrations = Calibrations(
+            str(self.path),
+            self.attached(attachments.CALIBRATION),
+            self._contents.calibrations,
+            self.load,
+        )
 
     @property
+    def contents(self) -> Contents:
+        """Everything that was found, as it is in the file."""
+        return self._contents
+
+    @cached_property
     def metadata(self) -> dict[str, str]:
-        """Run id, rig, camera serial, software version, as far as they were given."""
-        return dict(self._contents.metadata.get(attachments.METADATA, {}))
+        """Run id, rig, camera serial, software version, as far as they were given; the last of several."""
+        own = [record.metadata for record in self._contents.metadata if record.name == attachments.METADATA]
+        return dict(own[-1]) if own else {}
 
     @property
     def frame_count(self) -> int:
-        return len(self._contents.frames)
+        return len(self._entries)
 
     @property
-    def entries(self) -> list[FrameEntry]:
-        """Every frame in file order, without its images."""
-        return list(self._contents.frames)
+    def entries(self) -> Sequence[FrameEntry]:
+        """Every frame, without its images, in the order in which they come."""
+        return self._entries
 
     @property
     def topics(self) -> dict[str, TopicEntry]:
@@ -54,112 +73,106 @@ class Recording:
         return dict(self._contents.topics)
 
     @property
-    def attachments(self) -> dict[str, Attachment]:
-        """Attached files by name; of several with one name, the last."""
-        return dict(self._contents.attachments)
+    def attachments(self) -> dict[str, AttachmentEntry]:
+        """Attached files by name, without their content; of several with one name, the last."""
+        return {entry.name: entry for entry in self._contents.attachments}
+
+    def attached(self, name: str) -> list[AttachmentEntry]:
+        """All attached files of a name, in file order."""
+        return [entry for entry in self._contents.attachments if entry.name == name]
 
     def attachment(self, name: str) -> bytes | None:
-        """Content of an attached file, or None where there is none."""
-        found = self._contents.attachments.get(name)
-        return None if found is None else found.data
+        """Content of an attached file, or None where there is none.
+
+        Raises:
+            RecordingError: it is larger than anything that is read here.
+        """
+        found = self.attachments.get(name)
+        return None if found is None else self.load(found)
+
+    def load(self, entry: AttachmentEntry) -> bytes:
+        """Content of an attached file; raises as `attachment`."""
+        if entry.size > _LARGEST_ATTACHMENT:
+            raise RecordingError(
+                f"{self.path}: {entry.name} has {entry.size:,} bytes; expected at most "
+                f"{_LARGEST_ATTACHMENT:,}"
+            )
+        with Payloads(self.path) as payloads:
+            return payloads.read(Place(None, entry.data_offset, entry.data_offset + entry.size))
 
     @property
     def configuration(self) -> str | None:
         """The configuration as used, TOML, or None."""
         content = self.attachment(attachments.CONFIGURATION)
-        return None if content is None else content.decode()
+        return None if content is None else content.decode(errors="replace")
 
-    @cached_property
+    @property
     def calibration(self) -> Calibration:
-        """The attached calibration, else intrinsics and distortion of the last calibration message.
+        """The calibration of the first frame; raises as `calibration_of`."""
+        return self._calibrations.at(self._entries[0].timestamp if self._entries else 0)
+
+    def calibration_of(self, frame: Frame | FrameEntry) -> Calibration:
+        """The calibration that belongs to a frame; the same object for all frames of one.
 
         Raises:
-            RecordingError: there is neither, or the attachment is not a calibration.
+            RecordingError: there is none, one that is no calibration, or it is not said which.
         """
-        attached = self.attachment(attachments.CALIBRATION)
-        if attached is not None:
-            return Calibration.from_toml(attached.decode(), f"{self.path}: {attachments.CALIBRATION}")
-        said = [message for message, _ in self.messages([CAMERA_CALIBRATION])]
-        if not said:
-            raise RecordingError(
-                f"{self.path}: holds no calibration; expected the attachment {attachments.CALIBRATION} or a "
-                f"message on {CAMERA_CALIBRATION}: name a calibration file in the configuration"
-            )
-        return _calibration_of(said[-1])
+        return self._calibrations.at(frame.timestamp)
 
     @cached_property
     def truth(self) -> NDArray[np.float32] | None:
         """(βH, βW) true distance of the reference view, metres, where the recording was simulated.
 
+        None where there are several, or several scans: it is not said which belongs to which.
+
         Raises:
             RecordingError: the attachment cannot be read.
         """
-        content = self.attachment(attachments.TRUTH)
-        if content is None:
+        found = {self.load(entry) for entry in self.attached(attachments.TRUTH)}
+        if len(found) != 1 or len(scans(self.cut(None))) > 1:
             return None
-        try:
-            with np.load(BytesIO(content)) as arrays:
-                return np.asarray(arrays["distance"], dtype=np.float32)
-        except (KeyError, ValueError, OSError, BadZipFile) as error:
-            raise RecordingError(
-                f"{self.path}: {attachments.TRUTH} cannot be read ({error}); expected the array `distance`"
-            ) from error
+        return unpack_truth(found.pop(), self.path)
 
-    @property
-    def _frames_per_burst(self) -> int | None:
-        said = self.metadata.get(attachments.FRAMES_PER_BURST, "")
-        return int(said) if said.isdecimal() and int(said) > 0 else None
+    @cached_property
+    def planned(self) -> int | None:
+        """Frames of a whole burst, where the recording says it; None also where merged ones disagree."""
+        said = {
+            record.metadata.get(attachments.FRAMES_PER_BURST, "")
+            for record in self._contents.metadata
+            if record.name == attachments.METADATA
+        }
+        only = said.pop() if len(said) == 1 else ""
+        return int(only) if only.isascii() and only.isdecimal() and int(only[:9]) > 0 else None
 
     @cached_property
     def damage(self) -> Damage | None:
         """What cannot be read and what is missing for that reason; None for a whole recording."""
-        found = self._contents
-        if not (found.faults or found.incomplete or found.lost):
-            return None
-        sequences = [entry.sequence for entry in found.frames]
-        between = set(range(min(sequences), max(sequences))) if sequences else set()
-        return Damage(
-            parts=tuple(unreadable(fault) for fault in found.faults),
-            last_frame=sequences[-1] if sequences else None,
-            lost_messages=dict(found.lost),
-            lost_frames=tuple(sorted(between - set(sequences) - set(found.incomplete))),
-            incomplete_frames=tuple(found.incomplete),
-            short_bursts=_short_bursts(
-                found.frames, self._frames_per_burst, any(fault.part == "end" for fault in found.faults)
-            ),
-        )
+        return assess(self._contents, self._entries, self.cut(None), self.planned)
 
     def messages(self, topics: Iterable[str] | None = None) -> Iterator[tuple[Message, int]]:
         """Every message (or those of some topics) in file order, with its log time in ns."""
         wanted = None if topics is None else set(topics)
-        for message, log_time in read_messages(self.path):
-            if wanted is None or message.topic in wanted:
-                yield message, log_time
+        for found in self._found_messages():
+            if wanted is None or found.topic in wanted:
+                stored, schema = found.stored, self._contents.schema(found.channel)
+                message = Message(found.topic, schema, found.payload, stored.publish_time, stored.sequence)
+                yield message, stored.log_time
 
     def frames(self) -> Iterator[Frame]:
-        """Every whole frame in file order."""
-        assembler = FrameAssembler()
-        for message, _ in self.messages(FRAME_TOPICS):
-            frame = assembler.add(message)
-            if frame is not None:
-                yield frame
+        """Every whole frame."""
+        yield from self._fetch(self._entries)
 
-    def bursts(self, frames_per_burst: int) -> Iterator[list[Frame]]:
-        """Frames by burst: runs of one burst id; frames without one are cut every `frames_per_burst`.
+    def cut(self, frames_per_burst: int | None) -> list[list[FrameEntry]]:
+        """The bursts, without images: `BurstCutter` says what one is; None = those without an id are not cut.
 
         The last burst, or one that a damaged file cut short, comes with the frames there are.
         """
-        if frames_per_burst < 1:
-            raise ValueError(f"frames_per_burst: expected at least 1, got {frames_per_burst}")
-        for burst, run in groupby(self.frames(), key=lambda frame: frame.burst):
-            held: list[Frame] = []
-            for frame in run:
-                held.append(frame)
-                if burst is None and len(held) == frames_per_burst:
-                    yield held
-                    held = []
-            if held:
-                yield held
+        return cut(self._entries, frames_per_burst, self._known_calibration)
+
+    def bursts(self, frames_per_burst: int) -> Iterator[list[Frame]]:
+        """Frames by burst, as `cut` has them."""
+        for entries in self.cut(frames_per_burst):
+            yield list(self._fetch(entries))
 
     def summary(self) -> RecordingSummary:
         """What there is, for people and programs."""
@@ -167,26 +180,59 @@ class Recording:
 
     def problem(self) -> str | None:
         """Why the frames cannot be fused as they are, in one line; None where nothing speaks against it."""
-        entries = self._contents.frames
-        if not entries:
+        if not self._entries:
             return (
                 f"{self.path}: holds no whole frame; expected {', '.join(FRAME_TOPICS)}"
                 + (f" ({self.damage})" if self.damage else "")
                 + ": give a recording of a camera"
             )
-        first = entries[0]
-        for entry in entries:
-            if entry.shape != first.shape:
+        twice = indistinct(self._entries)
+        if twice is not None:
+            return (
+                f"{self.path}: has two frames of number {twice.sequence} at one time; recordings of the same "
+                "time were merged and cannot be told apart: use them as they were before"
+            )
+        return self._unfit_size()
+
+    def _unfit_size(self) -> str | None:
+        """What does not fit of the frames' sizes: with calibrations they may change, without they may not."""
+        first = self._entries[0]
+        for entry in self._entries:
+            known = self._known_calibration(entry)
+            if known is None and entry.shape != first.shape:
                 return (
                     f"{self.path}: frame {entry.sequence} has {_size(entry.shape)} pixels, frame "
                     f"{first.sequence} {_size(first.shape)}; expected one size: split the recording"
                 )
-        if attachments.CALIBRATION in self._contents.attachments and self.calibration.shape != first.shape:
-            return (
-                f"{self.path}: its calibration is for {_size(self.calibration.shape)} pixels, its frames "
-                f"have {_size(first.shape)}: record again with the calibration of this camera"
-            )
+            if known is not None and known.shape != entry.shape:
+                return (
+                    f"{self.path}: frame {entry.sequence} has {_size(entry.shape)} pixels, its calibration "
+                    f"is for {_size(known.shape)}: record again with the calibration of this camera"
+                )
         return None
+
+    def _known_calibration(self, entry: FrameEntry) -> Calibration | None:
+        """The calibration of a frame, or None where none can be had; bursts are cut without it then."""
+        try:
+            return self.calibration_of(entry)
+        except RecordingError:
+            return None
+
+    def _found_messages(self) -> Iterator[FoundMessage]:
+        contents = Contents(schemas=dict(self._contents.schemas), channels=dict(self._contents.channels))
+        try:
+            with self.path.open("rb") as file:
+                yield from read_messages(file, contents)
+        except OSError as error:
+            raise RecordingError(f"{self.path}: cannot be read again ({error}); open it again") from error
+
+    def _fetch(self, entries: Iterable[FrameEntry]) -> Iterator[Frame]:
+        with Payloads(self.path) as payloads:
+            for entry in entries:
+                distance, amplitude, _ = entry.places
+                yield entry.fields.frame(
+                    decode_image(payloads.read(distance)), decode_image(payloads.read(amplitude))
+                )
 
 
 def open_recording(path: Path | str) -> Recording:
@@ -194,51 +240,14 @@ def open_recording(path: Path | str) -> Recording:
 
     Raises:
         RecordingError: in one line, what is wrong, what was expected and what to do: no such file, empty, not
-            MCAP, no whole frame, frames of several sizes, or of another size than the calibration's.
+            MCAP, no whole frame, frames of another size than their calibration, or merged recordings of one
+            time.
     """
     recording = Recording(path)
     problem = recording.problem()
     if problem is not None:
         raise RecordingError(problem)
     return recording
-
-
-def _calibration_of(message: Message) -> Calibration:
-    said = decode_calibration(message.payload)
-    fx, _, cx, _, fy, cy, *_ = said.K
-    return Calibration(
-        width=said.width,
-        height=said.height,
-        intrinsics=Intrinsics(fx=fx, fy=fy, cx=cx, cy=cy),
-        distortion=tuple(said.D),
-        source=f"message on {CAMERA_CALIBRATION}",
-    )
-
-
-def _short_bursts(frames: Sequence[FrameEntry], planned: int | None, is_torn: bool) -> tuple[ShortBurst, ...]:
-    """Bursts with fewer frames than planned, or than the fullest where the plan is not known.
-
-    The last burst of a file that is not torn may be short because the recording was stopped: it counts only
-    where a pose is missing.
-    """
-    counts: defaultdict[int, int] = defaultdict(int)
-    poses: defaultdict[int, int] = defaultdict(int)
-    for entry in frames:
-        if entry.burst is not None:
-            counts[entry.burst] += 1
-            poses[entry.burst] = max(poses[entry.burst], (entry.pose or 0) + 1)
-    if not counts:
-        return ()
-    expected = planned or max(*counts.values(), *poses.values())
-    last = frames[-1].burst
-    short = [
-        ShortBurst(burst=burst, frames=count, expected=expected)
-        for burst, count in counts.items()
-        if count < expected and not (burst == last and not is_torn and poses[burst] <= count)
-    ]
-    if is_torn and last is not None and len(counts) == 1 and planned is None and not short:
-        short.append(ShortBurst(burst=last, frames=counts[last], expected=None))
-    return tuple(short)
 
 
 def _size(shape: tuple[int, int]) -> str:

@@ -1,13 +1,15 @@
-"""A whole recording of what a torn or damaged one still holds."""
+"""A whole recording of what a torn or damaged one still holds, every record as it is."""
 
 from pathlib import Path
 
 from drivers.errors import RecordingError
-from drivers.recording.assembly import FRAME_TOPICS
-from drivers.recording.attachments import VERSIONS
+from drivers.recording.assembly import Place
+from drivers.recording.container import Fault, Located, walk
+from drivers.recording.contents import Contents
+from drivers.recording.copying import Copy
 from drivers.recording.output import WORKING_SUFFIX
 from drivers.recording.reader import Recording
-from drivers.recording.writer import SEQUENCE_MASK, RecordingWriter
+from drivers.recording.records import OpenedChunk, StoredMessage
 
 
 def recovered_path(path: Path) -> Path:
@@ -17,28 +19,43 @@ def recovered_path(path: Path) -> Path:
 
 
 def recover(recording: Recording, output: Path) -> int:
-    """Write all that can be read into a new file, in order; images of incomplete frames are left out.
+    """Write all that can be read into a new file, in order, but messages of frames that are not whole.
+
+    Profile, schemas, channels, metadata, attachments and foreign messages stay as they are, and so do the
+    chunks and their compression.
 
     Returns:
         How many messages were written.
 
     Raises:
-        RecordingError: there is no message to save, or output and input are one file.
+        RecordingError: there is nothing to save, or output and input are one file.
         StorageError: the file cannot be written.
     """
     taken = (output, output.with_name(output.name + WORKING_SUFFIX))
     if any(path.exists() and path.samefile(recording.path) for path in taken):
         raise RecordingError(f"{recording.path}: cannot be recovered in place; name another output")
-    if not recording.topics:
+    found = recording.contents
+    if not (found.topics or found.attachments or found.metadata):
         raise RecordingError(f"{recording.path}: holds no whole message; nothing can be recovered")
-    with RecordingWriter(output, recording.metadata, recording.attachment(VERSIONS)) as writer:
-        for name, found in recording.attachments.items():
-            if name != VERSIONS:
-                writer.attach(name, found.data, found.media_type, found.log_time)
-        saved = 0
-        whole = {(entry.timestamp, entry.sequence & SEQUENCE_MASK) for entry in recording.entries}
-        for message, log_time in recording.messages():
-            if message.topic not in FRAME_TOPICS or (message.publish_time, message.sequence) in whole:
-                writer.write(message, log_time)
-                saved += 1
-    return saved
+    with recording.path.open("rb") as source, Copy(source, output, found.profile) as copy:
+        copy.define(found.schemas.values(), found.channels.values())
+        for item in walk(source):
+            if not isinstance(item, Fault) and item.length:
+                _copy(copy, item, found)
+    return copy.messages
+
+
+def _copy(copy: Copy, item: Located, found: Contents) -> None:
+    match item.record:
+        case OpenedChunk() as chunk:
+            kept = [m for m in chunk.messages if _is_kept(found, m, Place(item.offset, m.start, m.end))]
+            copy.chunk(item, chunk, kept)
+        case StoredMessage() as message:
+            if _is_kept(found, message, Place(None, message.start, message.end)):
+                copy.message(item, message)
+        case _:
+            copy.other(item)
+
+
+def _is_kept(found: Contents, message: StoredMessage, place: Place) -> bool:
+    return message.channel in found.channels and place not in found.leftover

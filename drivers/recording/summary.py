@@ -1,6 +1,6 @@
 """What a recording holds, for people and programs."""
 
-from collections import Counter
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from itertools import pairwise
 from math import degrees
@@ -11,8 +11,9 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.calibration import Calibration
 from drivers.errors import RecordingError
-from drivers.messages import FrameFields
-from drivers.recording.contents import FrameEntry, TopicEntry
+from drivers.recording import attachments
+from drivers.recording.assembly import FrameEntry
+from drivers.recording.contents import TopicEntry
 from drivers.recording.damage import Damage
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ class _Part(BaseModel):
 
 class TopicSummary(_Part):
     topic: str
-    schema_name: str
+    schema_name: str = Field(description="Of the topic's messages; several are joined by commas.")
     messages: int
     rate: float | None = Field(description="Messages per second of log time.")
 
@@ -39,13 +40,15 @@ class AttachmentSummary(_Part):
 class BurstSummary(_Part):
     burst: int | None = Field(description="Null = frames without a burst id.")
     frames: int
+    shape: tuple[int, int] = Field(description="Rows and columns.")
+    start: int = Field(description="Timestamp of the first frame, ns since the epoch.")
     pan: tuple[float, float] = Field(description="Smallest and largest angle, degrees.")
     tilt: tuple[float, float] = Field(description="Smallest and largest angle, degrees.")
 
 
 class FramesSummary(_Part):
     count: int
-    shape: tuple[int, int] = Field(description="Rows and columns.")
+    shape: tuple[int, int] = Field(description="Rows and columns of the first.")
     duration: float = Field(description="From the first exposure to the last, seconds.")
     rate: float | None = Field(description="1 / the median time between frames, Hz.")
     drops: int = Field(description="Gaps in the camera's counter.")
@@ -69,6 +72,7 @@ class RecordingSummary(_Part):
     calibration: Calibration | None
     calibration_problem: str | None = Field(description="Why there is no calibration.")
     truth: tuple[int, int] | None = Field(description="Rows and columns of the true distance.")
+    truth_problem: str | None = Field(description="Why a truth that is there cannot be used.")
     attachments: list[AttachmentSummary]
     problem: str | None = Field(description="Why its frames cannot be fused as they are.")
     damage: Damage | None
@@ -81,7 +85,8 @@ def summarise(recording: "Recording") -> RecordingSummary:
     first = min((entry.first for entry in topics.values()), default=None)
     last = max((entry.last for entry in topics.values()), default=0)
     calibration, calibration_problem = _calibration(recording)
-    truth, damage = recording.truth, recording.damage
+    truth, truth_problem = _truth(recording)
+    damage = recording.damage
     return RecordingSummary(
         path=str(recording.path),
         size=recording.path.stat().st_size,
@@ -89,12 +94,13 @@ def summarise(recording: "Recording") -> RecordingSummary:
         duration=0.0 if first is None else (last - first) / 1e9,
         metadata=recording.metadata,
         topics=[_topic(name, entry) for name, entry in sorted(topics.items())],
-        frames=_frames(recording.entries) if recording.entries else None,
+        frames=_frames(recording) if recording.entries else None,
         calibration=calibration,
         calibration_problem=calibration_problem,
-        truth=None if truth is None else (truth.shape[0], truth.shape[1]),
+        truth=truth,
+        truth_problem=truth_problem,
         attachments=[
-            AttachmentSummary(name=name, media_type=found.media_type, size=len(found.data))
+            AttachmentSummary(name=name, media_type=found.media_type, size=found.size)
             for name, found in sorted(recording.attachments.items())
         ],
         problem=recording.problem(),
@@ -110,17 +116,30 @@ def _calibration(recording: "Recording") -> tuple[Calibration | None, str | None
         return None, str(error)
 
 
+def _truth(recording: "Recording") -> tuple[tuple[int, int] | None, str | None]:
+    try:
+        truth = recording.truth
+    except RecordingError as error:
+        return None, str(error)
+    if truth is not None:
+        return (truth.shape[0], truth.shape[1]), None
+    if recording.attached(attachments.TRUTH):
+        return None, "it is not said which belongs to which of several scans"
+    return None, None
+
+
 def _topic(name: str, entry: TopicEntry) -> TopicSummary:
     span = (entry.last - entry.first) / 1e9
     return TopicSummary(
         topic=name,
-        schema_name=entry.schema.name,
+        schema_name=", ".join(entry.schemas),
         messages=entry.count,
         rate=(entry.count - 1) / span if span > 0 else None,
     )
 
 
-def _frames(entries: list[FrameEntry]) -> FramesSummary:
+def _frames(recording: "Recording") -> FramesSummary:
+    entries = recording.entries
     fields = [entry.fields for entry in entries]
     times = sorted(entry.timestamp for entry in fields)
     steps = [later - earlier for earlier, later in pairwise(times)]
@@ -135,16 +154,17 @@ def _frames(entries: list[FrameEntry]) -> FramesSummary:
         modulation_frequencies=list(dict.fromkeys(entry.modulation_frequency for entry in fields)),
         ambiguity_ranges=list(dict.fromkeys(entry.ambiguity_range for entry in fields)),
         amplitude_modes=list(dict.fromkeys(entry.amplitude_mode for entry in fields)),
-        bursts=[_burst(burst, fields) for burst in Counter(entry.burst for entry in fields)],
+        bursts=[_burst(burst) for burst in recording.cut(None)],
     )
 
 
-def _burst(burst: int | None, fields: list[FrameFields]) -> BurstSummary:
-    members = [entry for entry in fields if entry.burst == burst]
-    pan, tilt = [entry.pan for entry in members], [entry.tilt for entry in members]
+def _burst(members: Sequence[FrameEntry]) -> BurstSummary:
+    pan, tilt = [entry.fields.pan for entry in members], [entry.fields.tilt for entry in members]
     return BurstSummary(
-        burst=burst,
+        burst=members[0].burst,
         frames=len(members),
+        shape=members[0].shape,
+        start=members[0].timestamp,
         pan=(degrees(min(pan)), degrees(max(pan))),
         tilt=(degrees(min(tilt)), degrees(max(tilt))),
     )

@@ -1,11 +1,9 @@
 """Writing a recording: one MCAP file with everything needed to fuse and to judge it later."""
 
 import json
-import platform
 import uuid
 from collections.abc import Mapping
 from contextlib import suppress
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self, cast
@@ -20,14 +18,13 @@ from drivers.frame import Frame
 from drivers.messages import Message, Schema, calibration_message, frame_messages
 from drivers.recording import attachments
 from drivers.recording.output import Output
+from drivers.recording.versions import library, versions
 
 CHUNK_SIZE = 256 * 1024
 """Bytes before compression; two or three frames, the most that is lost when the process is killed."""
 
 SEQUENCE_MASK = 0xFFFFFFFF
 """MCAP counts in 32 bits; camera/frame holds the whole number."""
-
-_DISTRIBUTIONS = ("lidarboost", "numpy", "scipy", "numba", "mcap", "foxglove-schemas-protobuf")
 
 
 class RecordingWriter:
@@ -39,19 +36,16 @@ class RecordingWriter:
     Args:
         path: where the recording shall be.
         metadata: run id, rig, camera serial and what else is known; run id and software version are added.
-        versions: `versions.json` of the software that took the frames; None = this one.
 
     Raises:
         StorageError: the file cannot be made or written. Writing is over then; `close` keeps what there is.
     """
 
-    def __init__(
-        self, path: Path | str, metadata: Mapping[str, str] | None = None, versions: bytes | None = None
-    ) -> None:
+    def __init__(self, path: Path | str, metadata: Mapping[str, str] | None = None) -> None:
         self.path = Path(path)
         self._schemas: dict[Schema, int] = {}
         self._channels: dict[str, tuple[int, Schema]] = {}
-        self._attached: set[str] = set()
+        self._calibration: bytes | None = None
         self._is_closed = False
         self._output = Output(self.path)
         self._writer = Writer(
@@ -61,7 +55,7 @@ class RecordingWriter:
             enable_data_crcs=True,
         )
         try:
-            self._begin(metadata or {}, versions)
+            self._begin(metadata or {})
         except BaseException:
             self.discard()
             raise
@@ -75,7 +69,13 @@ class RecordingWriter:
         """Add a named file; `log_time` in ns since the epoch, 0 = not known."""
         self._require_open()
         self._writer.add_attachment(log_time, log_time, name, media_type, data)
-        self._attached.add(name)
+        if name == attachments.CALIBRATION:
+            self._calibration = data
+
+    def note(self, name: str, content: Mapping[str, str]) -> None:
+        """Add a metadata record."""
+        self._require_open()
+        self._writer.add_metadata(name, dict(content))
 
     def write(self, message: Message, log_time: int) -> None:
         """Append a message; `log_time` is when this host received it, ns since the epoch."""
@@ -93,13 +93,15 @@ class RecordingWriter:
         for message in frame_messages(frame, mount):
             self.write(message, frame.timestamp if log_time is None else log_time)
 
+    def attach_calibration(self, calibration: Calibration, timestamp: int) -> None:
+        """Attach the calibration whole, unless it is the one attached last; it holds from `timestamp` on."""
+        content = calibration.to_toml().encode()
+        if content != self._calibration:
+            self.attach(attachments.CALIBRATION, content, "application/toml", timestamp)
+
     def write_calibration(self, calibration: Calibration, timestamp: int) -> None:
-        """Append the calibration as a message and, once in a file, attach it whole."""
-        self._require_open()
-        if attachments.CALIBRATION not in self._attached:
-            self.attach(
-                attachments.CALIBRATION, calibration.to_toml().encode(), "application/toml", timestamp
-            )
+        """Append the calibration as a message and, where it is new in the file, attach it whole."""
+        self.attach_calibration(calibration, timestamp)
         self.write(calibration_message(calibration, timestamp), timestamp)
 
     def flush(self, *, sync: bool = False) -> None:
@@ -146,13 +148,12 @@ class RecordingWriter:
         else:
             self.discard()
 
-    def _begin(self, metadata: Mapping[str, str], versions: bytes | None) -> None:
-        here = _versions()
-        self._writer.start(library=f"lidarboost {here['lidarboost']}")
+    def _begin(self, metadata: Mapping[str, str]) -> None:
+        here = versions()
+        self._writer.start(library=library())
         known = {"run_id": uuid.uuid4().hex, "software_version": here["lidarboost"]}
         self._writer.add_metadata(attachments.METADATA, known | dict(metadata))
-        content = versions if versions is not None else json.dumps(here, indent=1).encode()
-        self.attach(attachments.VERSIONS, content, "application/json")
+        self.attach(attachments.VERSIONS, json.dumps(here, indent=1).encode(), "application/json")
 
     def _channel(self, message: Message) -> int:
         if message.topic not in self._channels:
@@ -184,13 +185,3 @@ def _ending() -> bytes:
     DataEnd(0).write(builder)
     Footer(summary_start=0, summary_offset_start=0, summary_crc=0).write(builder)
     return bytes(builder.end()) + MCAP0_MAGIC  # type: ignore[no-untyped-call]
-
-
-def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version(), "platform": platform.platform()}
-    for name in _DISTRIBUTIONS:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:  # run from a source tree, or built without a part
-            found[name] = "unknown"
-    return found

@@ -40,7 +40,12 @@ def summed_area(distance, strength, wavenumber: float):  # type: ignore[no-untyp
 def fits(table: NDArray[np.float64], view: NDArray[np.float64], shape: tuple[int, int]) -> bool:
     """Whether an image of that shape, seen through `view` (see `average`), lies within the field."""
     bottom, right = shape[0] - 0.5, shape[1] - 0.5
-    corners = view @ np.array([[-0.5, right, -0.5, right], [-0.5, -0.5, bottom, bottom], [1, 1, 1, 1]])
+    return fits_at(table, view, np.array([[-0.5, -0.5], [right, -0.5], [-0.5, bottom], [right, bottom]]))
+
+
+def fits_at(table: NDArray[np.float64], view: NDArray[np.float64], places: NDArray[np.float64]) -> bool:
+    """Whether places (M, 2), column and row of an image seen through `view`, lie within the field."""
+    corners = view @ np.column_stack([places, np.ones(len(places))]).T
     if not (corners[2] > 0).all():
         return False
     columns, rows = corners[:2] / corners[2]
@@ -73,6 +78,26 @@ def average(table, view, fill: float, out) -> None:  # type: ignore[no-untyped-d
                     total += _integral(sums, stride, left, top) - _integral(sums, stride, right, top)
                     area += (right - left) * (bottom - top)
                     left = right
+            out[i, j] = total / area
+
+
+@_jit
+def average_at(table, view, places, out) -> None:  # type: ignore[no-untyped-def]
+    """The same for pixels anywhere: `places` (H, W, 5, 5, 2) are column and row of a lattice over each."""
+    sums, stride = table.ravel(), table.shape[1]
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            total = area = 0.0
+            for m in (1, 3):
+                for n in (1, 3):
+                    at = places[i, j]
+                    left = _column(view, at[m, n - 1, 0], at[m, n - 1, 1])
+                    right = _column(view, at[m, n + 1, 0], at[m, n + 1, 1])
+                    top = _row(view, at[m - 1, n, 0], at[m - 1, n, 1])
+                    bottom = _row(view, at[m + 1, n, 0], at[m + 1, n, 1])
+                    total += _integral(sums, stride, right, bottom) - _integral(sums, stride, left, bottom)
+                    total += _integral(sums, stride, left, top) - _integral(sums, stride, right, top)
+                    area += (right - left) * (bottom - top)
             out[i, j] = total / area
 
 

@@ -55,6 +55,13 @@ class Axis:
         end = now + round(abs(target - origin) / speed * 1e9)
         self._moves.append(_Move(now, end, origin, target, current.error(now), error))
 
+    def stop(self, now: int) -> None:
+        """Stand still where it is."""
+        if now < self.arrival:
+            move = self._at(now)
+            here, error = move.commanded(now), move.error(now)
+            self._moves.append(_Move(now, now, here, here, error, error))
+
     def _at(self, timestamp: int) -> _Move:
         for move in reversed(self._moves):
             if move.start <= timestamp:

@@ -38,8 +38,9 @@ def build_scene(name: str) -> Scene:
     return Scene(name, SCENES[name]())
 
 
-def _plane() -> list[Surface]:
-    return [plate((0, 0, 2.0), 20, 20, 0.6)]
+def plane_scene(away: float = 2.0) -> list[Surface]:
+    """A bare wall, square to the camera at rest."""
+    return [plate((0, 0, away), 10 * away, 10 * away, 0.6)]
 
 
 def _step() -> list[Surface]:
@@ -104,7 +105,7 @@ def _objects() -> list[Surface]:
 SCENES: dict[str, Callable[[], list[Surface]]] = {
     "wedges": _wedges,
     "objects": _objects,
-    "plane": _plane,
+    "plane": plane_scene,
     "step": _step,
     "sphere": _sphere,
     "board": board_scene,

@@ -11,6 +11,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.calibration import Corrections
 from drivers.frame import COUNTS_PER_RANGE
 from drivers.settings import CameraSettings
 
@@ -23,11 +24,19 @@ NOISE_COEFFICIENT = 30.0
 FULL_SCALE = 0xFFFF
 """Counts at which a phase sample saturates."""
 
+_ROUNDS = 12
+"""Each leaves a fifth of what is missing, with a cyclic error as strong as 60 mm in the fourth harmonic."""
+
 _NOISE_RANGE = 7.5
 """m, the ambiguity range at which `NOISE_COEFFICIENT` holds."""
 
 PHASE_NOISE = NOISE_COEFFICIENT * 2 * np.pi / _NOISE_RANGE
 """Counts, standard deviation of each of the phasor's two components: σ(angle) = PHASE_NOISE / amplitude."""
+
+
+def phase_noise(coefficient: float, ambiguity_range: float) -> float:
+    """Counts, of each component, for σ(distance) = coefficient / amplitude at that range."""
+    return coefficient * 2 * np.pi / ambiguity_range
 
 
 def noise_coefficient(ambiguity_range: float) -> float:
@@ -36,7 +45,10 @@ def noise_coefficient(ambiguity_range: float) -> float:
 
 
 def expose(
-    correlations: NDArray[np.float64], settings: CameraSettings, noise: np.random.Generator | None
+    correlations: NDArray[np.float64],
+    settings: CameraSettings,
+    noise: np.random.Generator | None,
+    phase_noise: float = PHASE_NOISE,
 ) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
     """Measure what was received during the four samples.
 
@@ -44,6 +56,7 @@ def expose(
         correlations: (4, H, W) Re P0, Im P1, Re P2, Im P3 in 1/m² (see `Renderer.correlations`).
         settings: integration time, amplitude mode and threshold.
         noise: source of the noise, or None for a sensor without any.
+        phase_noise: standard deviation of each of the phasor's two components, counts.
 
     Returns:
         (H, W) counts of distance (0 = rejected) and of amplitude.
@@ -54,11 +67,24 @@ def expose(
     if noise is not None:
         noise.standard_normal(out=noises, dtype=np.float32)
         # Each component is half the difference of two samples, so √2 of its deviation belongs to each sample.
-        noises *= np.float32(np.sqrt(2) * PHASE_NOISE)
+        noises *= np.float32(np.sqrt(2) * phase_noise)
     metres = settings.ambiguity_range / COUNTS_PER_RANGE if settings.amplitude_mode == "gray" else 0.0
     gain = GAIN * settings.integration_time
     _measure(correlations, noises, gain, settings.amplitude_threshold, metres, counts, amplitude)
     return counts, amplitude
+
+
+def with_errors(
+    counts: NDArray[np.uint16], corrections: Corrections, ambiguity_range: float
+) -> NDArray[np.uint16]:
+    """Counts (H, W) of a sensor whose distances err by what `corrections` take out again."""
+    metres = ambiguity_range / COUNTS_PER_RANGE
+    true = counts * metres
+    measured = true
+    for _ in range(_ROUNDS):  # errors are functions of what is measured
+        measured = true + corrections.error(measured, ambiguity_range)
+    wrapped = np.rint(measured / metres).astype(np.int64) % COUNTS_PER_RANGE
+    return np.where(counts > 0, np.maximum(wrapped, 1), 0).astype(np.uint16)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

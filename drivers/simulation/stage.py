@@ -1,15 +1,16 @@
 """A simulated rotation stage, with steps, speed and pointing errors."""
 
-from math import radians
+from math import inf, radians
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
 from drivers.clock import Clock
 from drivers.device import BackendOptions
-from drivers.errors import DeviceTimeoutError
+from drivers.position import Limits, Position
 from drivers.simulation.motion import Axis
-from drivers.stage import Limits, Position, Stage
+from drivers.stage import Stage
 
 
 class StageOptions(BackendOptions):
@@ -38,6 +39,7 @@ class SimulatedStage(Stage):
     """A PTU-D46-17's ranges (factory limits 3090 and 604 steps of 185.14″), the tilt made symmetric."""
 
     options: StageOptions
+    needs_consent: ClassVar[bool] = False
 
     def __init__(self, options: BackendOptions | None = None, clock: Clock | None = None) -> None:
         super().__init__(options, clock)
@@ -60,7 +62,9 @@ class SimulatedStage(Stage):
         now = self.clock.now()
         for axis in self._axes:
             axis.go(now, 0.0, radians(self.options.speed), 0.0)
-        self._wait(float("inf"))
+
+    def _homing(self) -> str:
+        return "turns to 0°, 0°"
 
     def _move_to(self, pan: float, tilt: float) -> None:
         now = self.clock.now()
@@ -71,14 +75,13 @@ class SimulatedStage(Stage):
             if target != axis.commanded(max(now, axis.arrival)) or now < axis.arrival:
                 axis.go(now, target, radians(self.options.speed), float(error))
 
-    def _wait(self, timeout: float) -> None:
-        remaining = (max(axis.arrival for axis in self._axes) - self.clock.now()) / 1e9
-        self.clock.sleep(min(remaining, timeout))
-        if remaining > timeout:
-            raise DeviceTimeoutError(
-                f"the stage still moves after {timeout:.1f} s and needs {remaining - timeout:.1f} s more: "
-                "allow more time or a higher speed"
-            )
+    def _remaining(self) -> float:
+        return max(0.0, (max(axis.arrival for axis in self._axes) - self.clock.now()) / 1e9)
+
+    def _stop(self) -> None:
+        now = self.clock.now()
+        for axis in self._axes:
+            axis.stop(now)
 
     def _position(self) -> Position:
         now = self.clock.now()
@@ -90,6 +93,12 @@ class SimulatedStage(Stage):
 
     def _resolution(self) -> float:
         return radians(self.options.resolution)
+
+    def _speed(self) -> float:
+        return radians(self.options.speed)
+
+    def _acceleration(self) -> float:
+        return inf
 
     def _whole_steps(self, angle: float) -> float:
         step = radians(self.options.resolution)

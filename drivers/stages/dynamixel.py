@@ -1,32 +1,25 @@
-"""One or two Dynamixel X servos (protocol 2.0); their encoders are absolute."""
+"""One or two Dynamixel X servos (protocol 2.0); their encoders are absolute within a turn."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import degrees, radians, tau
+from math import copysign, radians, tau
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from drivers.errors import DeviceLostError, DeviceTimeoutError, InitialisationError
-from drivers.stage import Limits, Position
-from drivers.stages.dynamixel_bus import DynamixelBus
+from drivers.errors import DeviceLostError, InitialisationError, OperationError
+from drivers.position import Limits, Position
+from drivers.stages.dynamixel_axis import COUNTS_PER_TURN, Axis, check_drive, hardware_error, make_axis
+from drivers.stages.dynamixel_bus import DynamixelBus, Motion
 from drivers.stages.serial_stage import SerialOptions, SerialStage, Sign
 
-COUNTS_PER_TURN = 4096
-POSITION_MODES = {3: "position", 4: "extended position"}
 POLL_SECONDS = 0.02
+HALT_SECONDS = 2.0
 
-HOME_SECONDS = 60.0
-"""A turn at the slowest useful profile velocity."""
+VELOCITY_UNIT = 0.229 * 360 / 60
+"""Degrees per second in one unit of the profile velocity, 0.229 rev/min."""
 
-# Control table of the X series: address, bytes.
-OPERATING_MODE = 11, 1
-MAX_POSITION = 48, 4
-MIN_POSITION = 52, 4
-TORQUE = 64, 1
-GOAL_POSITION = 116, 4
-MOVING = 122, 1
-PRESENT_POSITION = 132, 4
+ACCELERATION_UNIT = 214.577 * 360 / 3600
+"""Degrees per s² in one unit of the profile acceleration, 214.577 rev/min²."""
 
 ServoId = int
 
@@ -43,75 +36,64 @@ class DynamixelOptions(SerialOptions):
     tilt_sign: Sign = Field(1, description="1 where the servo counts upwards when it turns up, else -1.")
     pan_zero: int = Field(2048, description="Position of pan 0°, counts of 360°/4096.")
     tilt_zero: int = Field(2048, description="Position of tilt 0°, counts of 360°/4096.")
-    pan_limits: tuple[float, float] | None = Field(None, description="Degrees; none = the servo's own.")
-    tilt_limits: tuple[float, float] | None = Field(None, description="Degrees; none = the servo's own.")
     tolerance: int = Field(
         4, ge=0, le=64, description="Counts off its goal at which a loaded servo counts as arrived."
     )
+    speed: float = Field(
+        10.0, ge=VELOCITY_UNIT, le=360, description="Fastest of each axis, degrees per second."
+    )
+    acceleration: float = Field(
+        22.0, ge=ACCELERATION_UNIT, le=3600, description="Of each axis, degrees per s², at most."
+    )
 
-
-@dataclass(frozen=True, slots=True)
-class Axis:
-    """How one angle maps to one servo: counts = zero + sign · angle; limits in radians."""
-
-    servo: ServoId
-    zero: int
-    sign: Sign
-    limits: tuple[float, float]
-
-    def counts(self, angle: float) -> int:
-        return self.zero + self.sign * round(angle * COUNTS_PER_TURN / tau)
-
-    def angle(self, counts: int) -> float:
-        return self.sign * (counts - self.zero) * tau / COUNTS_PER_TURN
+    @model_validator(mode="after")
+    def _has_two_servos(self) -> DynamixelOptions:
+        if self.pan_id == self.tilt_id:
+            raise ValueError(f"pan_id and tilt_id are both {self.pan_id}; each axis has a servo of its own")
+        return self
 
 
 class DynamixelStage(SerialStage):
-    """One or two servos. Their operating mode is not changed here: it is kept in EEPROM."""
+    """One or two servos. What they keep in EEPROM, such as their operating mode, is not changed here.
+
+    A servo that is limp when it is opened stays so until the first movement, which gives it its own position
+    as goal before its torque is switched on.
+    """
 
     Options = DynamixelOptions
     options: DynamixelOptions
 
     def _greet(self) -> None:
         self._bus = DynamixelBus(self._line, self.clock)
-        self._goals: tuple[int, ...] | None = None
+        try:
+            self._learn()
+        except DeviceLostError as error:
+            raise InitialisationError(str(error)) from error
+        self._declare_known()
+        self._stop()  # it may still be on its way to where an earlier run has sent it
+
+    def _learn(self) -> None:
+        self._goals: dict[ServoId, int] = {}
+        self._seen: dict[ServoId, tuple[int, int]] = {}
+        self._held: set[ServoId] = set()
         options = self.options
-        self._pan = self._axis(options.pan_id, options.pan_zero, options.pan_sign, options.pan_limits)
+        self._velocity = int(options.speed / VELOCITY_UNIT)
+        self._pan = self._axis(options.pan_id, options.pan_zero, options.pan_sign)
         self._tilt = (
             None
             if options.tilt_id is None
-            else self._axis(options.tilt_id, options.tilt_zero, options.tilt_sign, options.tilt_limits)
+            else self._axis(options.tilt_id, options.tilt_zero, options.tilt_sign)
         )
         self._axes = [axis for axis in (self._pan, self._tilt) if axis is not None]
-        self._hold()
 
-    def _axis(self, servo: ServoId, zero: int, sign: Sign, limits: tuple[float, float] | None) -> Axis:
-        try:
-            self._bus.ping(servo)
-            mode = self._bus.read(servo, *OPERATING_MODE)
-            low, high = (self._bus.read(servo, *register) for register in (MIN_POSITION, MAX_POSITION))
-        except DeviceLostError as error:
-            raise InitialisationError(str(error)) from error
-        if mode not in POSITION_MODES:
-            raise InitialisationError(
-                f"{self._line.name}: Dynamixel {servo} is in operating mode {mode}; set it to 3 (position) "
-                "or 4 (extended position) with the maker's tool, torque off"
-            )
-        if mode == 4:  # the position limits do not apply; half a turn either way keeps cables whole
-            low, high = zero - COUNTS_PER_TURN // 2, zero + COUNTS_PER_TURN // 2
-        whole = Axis(servo, zero, sign, (0.0, 0.0))
-        reach = sorted((whole.angle(low), whole.angle(high)))
-        start, end = reach if limits is None else map(radians, limits)
-        if start >= end or (mode == 3 and not reach[0] <= start < end <= reach[1]):
-            raise InitialisationError(
-                f"{self._line.name}: Dynamixel {servo} cannot have limits {degrees(start):g}° to "
-                f"{degrees(end):g}°: its own reach from {degrees(reach[0]):g}° to {degrees(reach[1]):g}°"
-            )
-        return Axis(servo, zero, sign, (start, end))
-
-    def _hold(self) -> None:
-        for axis in self._axes:
-            self._bus.write(axis.servo, *TORQUE, 1)
+    def _axis(self, servo: ServoId, zero: int, sign: Sign) -> Axis:
+        self._bus.ping(servo)
+        drive, condition = self._bus.drive(servo), self._bus.condition(servo)
+        check_drive(self._line.name, servo, drive, condition)
+        self._velocity = min(self._velocity, drive.velocity)
+        if condition.torque:
+            self._held.add(servo)
+        return make_axis(self._line.name, servo, zero, sign, drive, self._bus.motion(servo).position)
 
     def _limits(self) -> Limits:
         return Limits(pan=self._pan.limits, tilt=self._tilt.limits if self._tilt else (0.0, 0.0))
@@ -119,49 +101,148 @@ class DynamixelStage(SerialStage):
     def _resolution(self) -> float:
         return tau / COUNTS_PER_TURN
 
+    def _speed(self) -> float:
+        return radians(self._velocity * VELOCITY_UNIT)
+
+    def _acceleration(self) -> float:
+        return radians(self._profile_acceleration * ACCELERATION_UNIT)
+
+    @property
+    def _profile_acceleration(self) -> int:
+        return int(self.options.acceleration / ACCELERATION_UNIT)
+
     def _move_to(self, pan: float, tilt: float) -> None:
-        self._raise_if_let_go()
-        self._goals = tuple(axis.counts(angle) for axis, angle in zip(self._axes, (pan, tilt), strict=False))
-        for axis, goal in zip(self._axes, self._goals, strict=True):
-            self._bus.write(axis.servo, *GOAL_POSITION, goal)
-
-    def _raise_if_let_go(self) -> None:
         for axis in self._axes:
-            if self._bus.read(axis.servo, *TORQUE) == 0:
-                raise DeviceLostError(
-                    f"{self._line.name}: Dynamixel {axis.servo} has restarted and lets go of its axis; close "
-                    "it, open it again and home it"
-                )
+            self._hold(axis)
+        for axis, angle in zip(self._axes, (pan, tilt), strict=False):
+            self._go(axis, axis.counts(angle))
 
-    def _wait(self, timeout: float) -> None:
-        deadline = self.clock.now() + round(timeout * 1e9)
-        while not self._has_arrived():
+    def _go(self, axis: Axis, goal: int) -> None:
+        self._set_out(axis, goal)
+        self._bus.go(axis.servo, self._profile_acceleration, self._velocity, goal)
+
+    def _set_out(self, axis: Axis, goal: int) -> None:
+        """Note the goal, and where the servo must be when it is sent there."""
+        if axis.servo in self._seen:
+            self._seen[axis.servo] = self.clock.now(), self._reckoned(axis).position
+        self._goals[axis.servo] = goal
+
+    def _go_confirmed(self, axis: Axis, goal: int) -> None:
+        self._go(axis, goal)
+        if self._bus.goal(axis.servo) != (self._velocity, goal):
+            raise OperationError(f"{self._line.name}: Dynamixel {axis.servo} does not take its goal")
+
+    def _hold(self, axis: Axis) -> None:
+        """Make sure that the servo holds its axis: it must not start towards an older goal."""
+        self._raise_if_alarmed(axis.servo)
+        if axis.servo in self._goals:
+            self._raise_if_let_go(axis.servo)
+            return
+        self._go_confirmed(axis, axis.nearest(self._motion(axis).position))
+        self._bus.hold(axis.servo)
+        self._held.add(axis.servo)
+        self._raise_if_let_go(axis.servo)
+
+    def _raise_if_alarmed(self, servo: ServoId) -> None:
+        found = self._bus.condition(servo).hardware_error
+        if found or servo in self._bus.alerted:
+            raise OperationError(
+                f"{self._line.name}: Dynamixel {servo} has raised a hardware alert ({hardware_error(found)}) "
+                "and may have let go; remove the cause and power it anew"
+            )
+
+    def _raise_if_let_go(self, servo: ServoId) -> None:
+        """A restart shows by the torque, and by a profile that is not what was written."""
+        held = self._bus.condition(servo).torque
+        if not held or self._bus.goal(servo) != (self._velocity, self._goals[servo]):
+            raise DeviceLostError(
+                f"{self._line.name}: Dynamixel {servo} has restarted or lets go of its axis; close it and "
+                "open it again"
+            )
+
+    def _motion(self, axis: Axis) -> Motion:
+        found = self._bus.motion(axis.servo)
+        self._seen[axis.servo] = self.clock.now(), found.position
+        return found
+
+    def _remaining(self) -> float:
+        arrived = [self._has_arrived(axis) for axis in self._axes]
+        if not self.needs_home:  # what is turned back from beyond its limits is on its way
+            self.limits.check_reported(
+                self._pointing([self._seen[axis.servo][1] for axis in self._axes]), str(self)
+            )
+        return 0.0 if all(arrived) else POLL_SECONDS
+
+    def _has_arrived(self, axis: Axis) -> bool:
+        goal = self._goals.get(axis.servo)
+        if goal is None:
+            return True
+        found = self._motion(axis)
+        if axis.servo in self._bus.alerted:
+            self._raise_if_alarmed(axis.servo)
+        if found.moving:
+            return False
+        self._raise_if_let_go(axis.servo)
+        return abs(found.position - goal) <= self.options.tolerance
+
+    def _stop(self) -> None:
+        held = [axis for axis in self._axes if axis.servo in self._held]
+        found = self._whereabouts(held)
+        halted = [
+            axis for axis, motion in zip(held, found, strict=True) if self._is_off_its_goal(axis, motion)
+        ]
+        for axis in halted:
+            self._bus.send(axis.servo, self._profile_acceleration, self._velocity, self._goals[axis.servo])
+        for axis in halted:
+            self._go_confirmed(axis, self._goals[axis.servo])
+        deadline = self.clock.now() + round(HALT_SECONDS * 1e9)
+        while any(self._motion(axis).moving for axis in halted):
             if self.clock.now() >= deadline:
-                self._raise_if_let_go()
-                raise DeviceTimeoutError(
-                    f"{self._line.name}: sent to {self._goals}, at {self._counts()} counts after "
-                    f"{timeout:g} s; check that nothing blocks it"
+                raise OperationError(
+                    f"{self}: the servos still move {HALT_SECONDS:g} s after they were halted"
                 )
             self.clock.sleep(POLL_SECONDS)
 
-    def _has_arrived(self) -> bool:
-        if self._goals is None:
-            return True
-        if any(self._bus.read(axis.servo, *MOVING) for axis in self._axes):
-            return False
-        counts = self._counts()
-        return all(
-            abs(at - goal) <= self.options.tolerance for at, goal in zip(counts, self._goals, strict=True)
-        )
+    def _whereabouts(self, axes: list[Axis]) -> list[Motion]:
+        """Where the servos say they are or, where the line is slow, where they must be by now."""
+        answers, found = True, []
+        for axis in axes:
+            motion = self._bus.glance(axis.servo) if answers else None
+            answers = motion is not None
+            if motion is not None:
+                self._seen[axis.servo] = self.clock.now(), motion.position
+            elif axis.servo in self._seen:
+                motion = self._reckoned(axis)
+            found.append(motion or self._motion(axis))
+        return found
 
-    def _counts(self) -> tuple[int, ...]:
-        return tuple(self._bus.read(axis.servo, *PRESENT_POSITION) for axis in self._axes)
+    def _is_off_its_goal(self, axis: Axis, found: Motion) -> bool:
+        """Whether a servo moves, or is held off its goal; where it is becomes its goal then."""
+        goal = self._goals.get(axis.servo)
+        if goal is None:
+            goal = self._bus.goal(axis.servo)[1]
+        off = found.moving or abs(found.position - goal) > self.options.tolerance
+        if off:
+            here = self._reckoned(axis) if found.moving else found
+            self._set_out(axis, axis.nearest(here.position))
+        return off
+
+    def _reckoned(self, axis: Axis) -> Motion:
+        at, position = self._seen[axis.servo]
+        rest = self._goals.get(axis.servo, position) - position
+        travelled = (self.clock.now() - at) * 1e-9 * self._velocity * VELOCITY_UNIT * COUNTS_PER_TURN / 360
+        return Motion(rest != 0, position + round(copysign(min(abs(rest), travelled), rest)))
 
     def _position(self) -> Position:
-        angles = [axis.angle(at) for axis, at in zip(self._axes, self._counts(), strict=True)]
+        return self._pointing([self._motion(axis).position for axis in self._axes])
+
+    def _pointing(self, counts: list[int]) -> Position:
+        angles = [axis.angle(at) for axis, at in zip(self._axes, counts, strict=True)]
         return Position(angles[0], angles[1] if self._tilt else 0.0)
 
     def _home(self) -> None:
-        self._hold()
-        self._move_to(0.0, 0.0)
-        self._wait(HOME_SECONDS)
+        """The encoder knows its place within the turn; what a restart has changed is learnt anew."""
+        self._learn()
+
+    def _homing(self) -> str:
+        return "turns to 0°, 0°"

@@ -19,13 +19,21 @@ class Packet:
     parameters: bytes
 
 
+def _remainder(byte: int) -> int:
+    crc = byte << 8
+    for _ in range(8):
+        crc = crc << 1 ^ (0x8005 if crc & 0x8000 else 0)
+    return crc & 0xFFFF
+
+
+_REMAINDERS = [_remainder(byte) for byte in range(256)]
+
+
 def crc16(data: bytes) -> int:
     """CRC-16 with polynomial 0x8005, most significant bit first, start 0, no inversion."""
     crc = 0
     for byte in data:
-        crc ^= byte << 8
-        for _ in range(8):
-            crc = (crc << 1 ^ 0x8005 if crc & 0x8000 else crc << 1) & 0xFFFF
+        crc = (crc << 8 & 0xFFFF) ^ _REMAINDERS[crc >> 8 ^ byte]
     return crc
 
 
@@ -49,8 +57,8 @@ def decode(data: bytes) -> tuple[Packet | None, bytes]:
             return None, data
         end = 7 + int.from_bytes(data[5:7], "little")
         if end > len(data):
-            # A length that noise has blown up would wait for ever: no packet here is longer than 32 bytes.
-            if end <= 32:
+            # A length that noise has blown up would wait for ever: no packet here is longer than 40 bytes.
+            if end <= 40:
                 return None, data
         elif crc16(data[: end - 2]) == int.from_bytes(data[end - 2 : end], "little") and end >= 10:
             body = data[7 : end - 2].replace(HEADER + b"\xfd", HEADER)

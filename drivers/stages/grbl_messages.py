@@ -30,13 +30,18 @@ ALARMS = {
     9: "homing did not find the limit switch",
 }
 
-BANNER = re.compile(r"Grbl\w* +(\d+)\.(\d+)")
-ANSWER = re.compile(r"(?:(ok)|error:(\d+))$")
-ALARM = re.compile(r"ALARM:(\d+)$")
-SETTING = re.compile(r"\$(\d+)=([+-]?\d+(?:\.\d+)?)")
-BUILD_OPTIONS = re.compile(r"\[OPT:([^,\]]*)")
-_REPORT = re.compile(r"<([A-Za-z]+)(?::\d+)?((?:\|[^|>]*)*)>")
+BANNER = re.compile(r"Grbl\w* +\d+\.\d+")
+ANSWER = re.compile(r"^(?:(ok)|error:(\d+))$")
+"""Nothing else in its line: the echo of a startup line ends in `:ok`."""
 
+ALARM = re.compile(r"ALARM:(\d+)$")
+SETTING = re.compile(r"^\$(\d+)=([+-]?\d+(?:\.\d+)?)$")
+STARTUP_LINE = re.compile(r"^\$N\d=(.*)$")
+VERSION = re.compile(r"^\[VER:(\d+)\.(\d+)")
+BUILD_OPTIONS = re.compile(r"^\[OPT:([^,\]]*)")
+_REPORT = re.compile(r"<([A-Za-z]+)(?::(\d+))?((?:\|[^|<>]*)*)>")
+
+AXES = 3
 Vector = tuple[float, ...]
 
 
@@ -46,29 +51,30 @@ class Status:
 
     Attributes:
         state: Idle, Run, Hold, Jog, Alarm, Door, Check, Home or Sleep.
-        machine: machine position of each axis, or None.
-        work: work position of each axis, or None; machine = work + offset.
-        offset: work coordinate offset, or None: it is reported now and then only.
+        phase: of a hold (0 = stands, 1 = comes to a stop) or of a door (0, 1 = stands); else 0.
+        machine: machine position of each axis; empty where work positions are reported ($10).
     """
 
     state: str
-    machine: Vector | None
-    work: Vector | None
-    offset: Vector | None
+    phase: int
+    machine: Vector
+
+    @property
+    def stands(self) -> bool:
+        """Whether nothing moves."""
+        return self.state not in ("Run", "Jog", "Home") and self.phase <= (self.state == "Door")
 
 
 def parse_status(line: str) -> Status | None:
-    """The status report in a line, or None where there is none or noise has spoilt it."""
+    """The status report in a line; None where there is none, or noise has spoilt it."""
     found = _REPORT.search(line)
     if found is None:
         return None
-    fields = dict(field.partition(":")[::2] for field in found[2].split("|") if field)
+    fields = dict(field.partition(":")[::2] for field in found[3].split("|") if field)
     try:
-        machine, work, offset = (_vector(fields.get(name)) for name in ("MPos", "WPos", "WCO"))
+        machine = tuple(float(value) for value in fields["MPos"].split(",")) if "MPos" in fields else ()
     except ValueError:
         return None
-    return Status(found[1], machine, work, offset)
-
-
-def _vector(text: str | None) -> Vector | None:
-    return None if text is None else tuple(float(value) for value in text.split(","))
+    if len(machine) < AXES and "WPos" not in fields:
+        return None
+    return Status(found[1], int(found[2] or 0), machine)

@@ -1,7 +1,9 @@
 """What a Directed Perception / FLIR pan-tilt unit says, cut out of a noisy byte stream.
 
 A command is answered by `*`, a query by `* <text>`, a refusal by `! <text>`, each ended by CR or CR LF. In
-between, unasked, come `!P` and `!T` (an axis has hit a limit) and `!D` (the head's cable came off).
+between, unasked, come `!P` and `!T` (an axis has hit a limit) and `!D` (the head's cable came off). In
+verbose mode the text names its quantity, as in `Current Pan position is 1000`, so that no answer can be taken
+for another's; the words are those of the PTU-D46 (v2.14) and PTU-D300 (v2.18) manuals and of public drivers.
 """
 
 from __future__ import annotations
@@ -14,7 +16,31 @@ _EVENT = re.compile(rb"!([PTD])(?=[\s!*])")
 _EVENT_AT_END = re.compile(rb"!([PTD])$")
 _ANSWER = re.compile(rb"([*!])([^\r\n]*)[\r\n]")
 _START = re.compile(rb"[*!]")
-_NUMBER = re.compile(r"[+-]?\d+(?:\.\d+)?")
+_NUMBER = re.compile(r"[+-]?\d+(?:\.\d+)?(?![\d.])")
+
+_AXES = {"P": "pan", "T": "tilt"}
+_QUANTITIES = {
+    "P": r"current {} position",
+    "N": r"minimum {} position",
+    "X": r"maximum {} position",
+    "S": r"target {} speed",
+    "U": r"maximum {} speed",
+    "L": r"minimum {} speed",
+    "A": r"{} acceleration",
+    "R": r"seconds arc per",
+}
+VERSION, LIMITS = "V", "L"
+_TEXTS = {VERSION: re.compile(r"\bv ?\d+\.\d", re.I), LIMITS: re.compile(r"limit bounds are", re.I)}
+UNNAMED = ("PR", "TR")
+"""Queries whose answers do not name their axis."""
+
+
+def answers(query: str, text: str) -> bool:
+    """Whether a verbose text is the answer to a query such as `PP`, `TN`, `V`."""
+    if query in _TEXTS:
+        return _TEXTS[query].search(text) is not None
+    words = _QUANTITIES[query[1]].format(_AXES[query[0]])
+    return re.search(rf"\b{words}\b", text, re.I) is not None
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,15 +59,16 @@ class Reply:
 
     @property
     def number(self) -> float | None:
-        """The first number in the text; None where there is none, or where noise got into the text."""
-        found = _NUMBER.search(self.text)
+        """The only number in the text; None where there is none, or where noise got into the text."""
+        found = _NUMBER.findall(self.text.partition("/sec")[0])
         clean = self.text.isascii() and self.text.isprintable()
-        return float(found[0]) if clean and found is not None else None
+        return float(found[0]) if clean and len(found) == 1 else None
 
-    @property
-    def verbose(self) -> bool:
-        """Whether it speaks in words, which a unit in terse mode does not."""
-        return any(letter.isalpha() for letter in self.text)
+    def fits(self, query: str) -> bool:
+        """Whether the text answers a query, or the bare `*` a command (empty)."""
+        if not query:
+            return not self.text
+        return answers(query, self.text) and (query in _TEXTS or self.number is not None)
 
 
 class Replies:
@@ -63,30 +90,36 @@ class Replies:
 
         Args:
             query: a text is awaited after the `*`. Without it, a bare `*` is a reply before its line ends,
-                as in the answer to a reset; with it, a `*` without text is a late answer and is skipped.
+                as in the answer to a reset.
             final: nothing more is coming for now, so that a trailing `!P` is an event and not a refusal
                 cut short.
         """
-        while start := _START.search(self._buffer):
-            before, rest = self._buffer[: start.start()], self._buffer[start.start() :]
-            event = _EVENT.match(rest) or (_EVENT_AT_END.match(rest) if final else None)
-            if event is not None:
-                return self._take("event", event[1], before, rest[event.end() :])
-            if rest.startswith(b"*") and not query:
-                return self._take("done", b"", before, rest[1:])
-            answer = _ANSWER.match(rest)
-            if answer is None:
-                return None
-            text = answer[2].rpartition(b"*")[2].strip()  # noise may hold a star of its own
-            if answer[1] == b"!":
-                return self._take("refused", text, before, rest[answer.end() :])
-            if text:
-                return self._take("done", text, before, rest[answer.end() :])
-            self._buffer = before + rest[answer.end() :]
-        return None
+        start = _START.search(self._buffer)
+        if start is None:
+            return None
+        before, rest = self._buffer[: start.start()], self._buffer[start.start() :]
+        event = _EVENT.match(rest) or (_EVENT_AT_END.match(rest) if final else None)
+        if event is not None:
+            return self._take("event", event[1], before, rest[event.end() :])
+        answer = _ANSWER.match(rest)
+        if answer is None:
+            if rest == b"*" and not query and final:
+                return self._take("done", b"", before, b"")
+            return None
+        text = answer[2].rpartition(b"*")[2].strip()  # noise may hold a star of its own
+        return self._take("refused" if answer[1] == b"!" else "done", text, before, rest[answer.end() :])
 
     def _take(
         self, kind: Literal["done", "refused", "event"], text: bytes, before: bytes, rest: bytes
     ) -> Reply:
         self._buffer = rest
         return Reply(kind, text.decode("ascii", "replace"), before)
+
+
+def cut(said: bytes) -> list[Reply]:
+    """All replies in what was said."""
+    replies, found = Replies(), []
+    replies.feed(said)
+    while (reply := replies.take(query=True, final=True)) is not None:
+        found.append(reply)
+    return found

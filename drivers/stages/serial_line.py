@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Self
@@ -28,15 +28,18 @@ class SerialLine:
         port: an open pyserial port.
         name: how it is called in messages.
         clock: time source of the deadlines.
+        heed: called again and again while bytes are awaited; what it raises ends the wait.
     """
 
-    def __init__(self, port: serial.Serial, name: str, clock: Clock) -> None:
+    def __init__(
+        self, port: serial.Serial, name: str, clock: Clock, heed: Callable[[], None] = lambda: None
+    ) -> None:
         self._port = port
         self.name = name
-        self._clock = clock
+        self._clock, self._heed = clock, heed
 
     @classmethod
-    def open(cls, name: str, baud_rate: int, clock: Clock) -> Self:
+    def open(cls, name: str, baud_rate: int, clock: Clock, heed: Callable[[], None] = lambda: None) -> Self:
         """Open a port (`/dev/ttyUSB0`) or a pyserial URL (`socket://host:4000`).
 
         Raises:
@@ -52,7 +55,7 @@ class SerialLine:
             )
         except (serial.SerialException, OSError, ValueError) as error:
             raise NotAvailableError(_refusal(name, error)) from error
-        return cls(port, name, clock)
+        return cls(port, name, clock, heed)
 
     def send(self, data: bytes) -> None:
         """Write all of `data`; raises `DeviceLostError` where the line does not take it."""
@@ -62,11 +65,12 @@ class SerialLine:
     def receive(self, timeout: float) -> bytes:
         """What has arrived, at least one byte; empty when nothing comes within `timeout` seconds."""
         deadline = self._clock.now() + round(timeout * 1e9)
-        with self._lost_on_fault():
-            while True:
+        while True:
+            self._heed()
+            with self._lost_on_fault():
                 data: bytes = self._port.read(max(1, self._port.in_waiting))
-                if data or self._clock.now() >= deadline:
-                    return data
+            if data or self._clock.now() >= deadline:
+                return data
 
     def pending(self) -> bytes:
         """What has already arrived, without waiting."""

@@ -5,7 +5,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from drivers.device import BackendOptions
+from drivers.motion import MotionOptions
 from drivers.stage import Stage
 from drivers.stages.serial_line import SerialLine
 
@@ -13,8 +13,8 @@ Sign = Literal[1, -1]
 """Which way an axis counts: 1 where its own positive direction is left (pan) or up (tilt)."""
 
 
-class SerialOptions(BackendOptions):
-    """Where the stage is connected."""
+class SerialOptions(MotionOptions):
+    """Where the stage is connected, and what it may do."""
 
     port: str = Field(
         min_length=1,
@@ -24,13 +24,16 @@ class SerialOptions(BackendOptions):
 
 
 class SerialStage(Stage):
-    """A stage on a serial line; a backend fills `_greet` and the hooks of `Stage`."""
+    """A stage on a serial line; a backend fills `_greet` and the hooks of `Stage`.
 
+    Whatever waits for bytes of the line looks whether the stage is interrupted, and raises then.
+    """
+
+    options: SerialOptions
     _line: SerialLine
 
     def _open(self) -> None:
-        assert isinstance(self.options, SerialOptions)
-        self._line = SerialLine.open(self.options.port, self.options.baud_rate, self.clock)
+        self._line = SerialLine.open(self.options.port, self.options.baud_rate, self.clock, self._heed)
         try:
             self._greet()
         except BaseException:
@@ -40,6 +43,9 @@ class SerialStage(Stage):
     def _close(self) -> None:
         self._line.close()
 
+    def __str__(self) -> str:
+        return f"{type(self).__name__} on {self.options.port}"
+
     @abstractmethod
     def _greet(self) -> None:
-        """Make sure that the right device answers, set it up and learn its resolution and limits."""
+        """Make sure that the right device answers, set it up, learn its steps and limits; move nothing."""

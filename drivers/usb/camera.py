@@ -11,6 +11,7 @@ from drivers.clock import Clock
 from drivers.device import BackendOptions
 from drivers.errors import (
     DeviceLostError,
+    DeviceTimeoutError,
     DriverError,
     InitialisationError,
     NotAvailableError,
@@ -21,8 +22,10 @@ from drivers.pacing import Pacer
 from drivers.settings import CameraSettings, Capabilities
 from drivers.usb.adjust import check_settings, initial_settings, register_writes
 from drivers.usb.discovery import UsbDevice, find_cameras
+from drivers.usb.findings import describe_sending
 from drivers.usb.profile import Profile, require_usable, usable
 from drivers.usb.reader import FrameReader
+from drivers.usb.steps import RegisterWrite
 from drivers.usb.transport import Transport
 
 log = logging.getLogger(__name__)
@@ -62,6 +65,7 @@ class UsbCamera(Camera):
         self._device: UsbDevice | None = None
         self._profile: Profile | None = None
         self._wanted: CameraSettings | None = None
+        self._written: tuple[RegisterWrite, ...] | None = None
         self._integration_time: float | None = None
         self._sequence = 0
         self._failures = 0
@@ -70,16 +74,14 @@ class UsbCamera(Camera):
     def _open(self) -> None:
         consent = self.options.allow_inferred
         device, profile = self._choose()
-        if self.options.profile is not None and not consent:
-            raise InitialisationError(
-                f"{self.options.profile}: a profile of one's own is used only with allow_inferred = true, "
-                "whatever it says of itself; nothing was sent"
-            )
-        require_usable(profile, consent)
+        require_usable(profile, consent or self.options.profile is not None)
+        if self.options.profile is not None:
+            self._require_consent(self.options.profile, profile)
         try:
             self._transport = Transport(device, profile, consent, self.clock)
-            self._reader = FrameReader(self._transport, profile, self.clock)
+            self._reader = FrameReader(self._transport, profile, self.clock, self._sequence)
             self._device, self._profile = device, profile
+            self._written = None
             self._transport.run(profile.initialise.known)
             self._settings = self._apply(self._wanted or initial_settings(profile, consent))
         except BaseException as error:
@@ -89,6 +91,18 @@ class UsbCamera(Camera):
             if isinstance(error, OperationError):
                 raise InitialisationError(f"the camera could not be set up: {error}") from error
             raise
+
+    def _require_consent(self, path: Path, profile: Profile) -> None:
+        """A profile of one's own, whatever it says of itself, needs consent to what it sends."""
+        sends = "; ".join(describe_sending(profile))
+        if not self.options.allow_inferred:
+            raise InitialisationError(
+                f"{path}: a profile of one's own is used only with allow_inferred = true; nothing was sent. "
+                f"With it, {sends}"
+            )
+        log.warning("%s: %s", path, sends)
+        if profile.serial is None:
+            log.warning("%s is bound to no serial number: it is used for any %s", path, profile.model)
 
     def _close(self) -> None:
         transport, self._transport, self._reader = self._transport, None, None
@@ -114,6 +128,13 @@ class UsbCamera(Camera):
         ]
         if not fitting:
             raise NotAvailableError(_nothing_found(options, found))
+        if extra is not None and extra.serial is not None:
+            others, fitting = fitting, [device for device in fitting if device.serial == extra.serial]
+            if not fitting:
+                raise InitialisationError(
+                    f"{options.profile} is for the camera with the serial number {extra.serial}, and would "
+                    f"be sent to {others[0]}; nothing was sent: learn a profile of this one"
+                )
         # after unplugging, the camera in the same socket is the one to go on with
         port = self._device.port if self._device is not None else None
         device = next((device for device in fitting if device.port == port), fitting[0])
@@ -129,9 +150,11 @@ class UsbCamera(Camera):
     def _grab(self, timeout: float) -> Frame:
         deadline = self.clock.now() + round(timeout * 1e9)
         self._pacer.wait(self._settings.frame_rate, deadline)
-        self._sequence += 1
+        shortest, _ = self._known.exposure_bounds(self._integration_time)
+        if deadline - self.clock.now() <= shortest * 1e9:
+            raise DeviceTimeoutError("no frame was asked for: the time allowed is shorter than an exposure")
+        assert self._reader is not None
         try:
-            assert self._reader is not None
             counts, amplitude, timestamp, uncertainty = self._reader.take(deadline, self._integration_time)
         except DeviceLostError:
             raise
@@ -140,6 +163,8 @@ class UsbCamera(Camera):
             raise
         except NotAvailableError as error:  # the permission was taken away meanwhile
             raise DeviceLostError(str(error)) from error
+        finally:
+            self._sequence = self._reader.number
         self._failures = 0
         return Frame(
             counts=counts,
@@ -173,12 +198,21 @@ class UsbCamera(Camera):
         consent = self.options.allow_inferred
         taken = check_settings(settings, self._known, consent)
         assert self._transport is not None
-        for step in register_writes(taken, self._known, consent):
+        assert self._reader is not None
+        writes = tuple(register_writes(taken, self._known, consent))
+        if writes and writes != self._written:
+            self._reader.settings_changed()
+        self._written = None
+        for step in writes:
             self._transport.send(step)
+        self._written = writes
         if usable(self._known.registers.integration_time, consent):
             self._integration_time = taken.integration_time
         self._wanted = settings
         return taken
+
+    def _longest_exposure(self, integration_time: float | None) -> float:
+        return self._known.exposure_bounds(integration_time)[1]
 
     def _calibration(self) -> Calibration:
         return self._known.nominal_calibration()

@@ -14,24 +14,32 @@ MAX_JUMPS = 0.25
 half is noise 0.28; in eight public frames of a real SR4000 there are none at all."""
 
 
-def unpack(data: "NDArray[np.uint8]", image: Image) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
-    """Distance and amplitude, (rows, columns) uint16 each, copied out of the buffer.
+def split(data: "NDArray[np.uint8]", image: Image) -> NDArray[np.uint16]:
+    """The images of a frame, (planes, rows, columns), copied out of the buffer.
+
+    Raises:
+        OperationError: too few bytes.
+    """
+    if data.size < image.frame_bytes:
+        raise OperationError(f"short frame: {data.size} of {image.frame_bytes} bytes")
+    order = "<u2" if image.byte_order.known == "little" else ">u2"
+    shape = (len(image.planes.known), image.rows.known, image.columns.known)
+    return data[: image.frame_bytes].view(order).reshape(shape).astype(np.uint16)
+
+
+def unpack(images: NDArray[np.uint16], image: Image) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
+    """Distance and amplitude, (rows, columns) uint16 each.
 
     Bits of the distance that the model is known not to use are cleared.
 
     Raises:
-        OperationError: too few bytes, or an amplitude image that is constant or pure noise.
+        OperationError: an amplitude image that is constant or pure noise.
     """
-    if data.size < image.frame_bytes:
-        raise OperationError(f"short frame: {data.size} of {image.frame_bytes} bytes")
     planes = image.planes.known
-    order = "<u2" if image.byte_order.known == "little" else ">u2"
-    shape = (len(planes), image.rows.known, image.columns.known)
-    images = data[: image.frame_bytes].view(order).reshape(shape)
-    counts, amplitude = (images[planes.index(name)].astype(np.uint16) for name in ("distance", "amplitude"))
+    counts, amplitude = (images[planes.index(name)] for name in ("distance", "amplitude"))
     _check(counts, amplitude)
     if image.significant_bits.value is not None:
-        counts &= np.uint16(0xFFFF << (16 - image.significant_bits.value) & 0xFFFF)
+        counts = counts & np.uint16(0xFFFF << (16 - image.significant_bits.value) & 0xFFFF)
     return counts, amplitude
 
 

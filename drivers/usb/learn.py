@@ -14,7 +14,15 @@ from typing import Any, Literal
 from drivers.errors import RecordingError
 from drivers.usb.findings import describe, describe_registers, differences, left_out, uploaded_bytes
 from drivers.usb.profile import Fact, Profile, shipped_profiles
-from drivers.usb.sessions import SET_CONFIGURATION, Session, cut_session, ids_in, steps_of, without_pause
+from drivers.usb.sessions import (
+    SET_CONFIGURATION,
+    Session,
+    cut_session,
+    ids_in,
+    serial_in,
+    steps_of,
+    without_pause,
+)
 from drivers.usb.steps import RegisterWrite, Step
 from drivers.usb.trace import Transfer, read_transfers
 
@@ -30,7 +38,10 @@ class Lesson:
 
 
 def learn(
-    path: Path, model: str | None = None, registers: Mapping[RegisterName, Sequence[int]] | None = None
+    path: Path,
+    model: str | None = None,
+    registers: Mapping[RegisterName, Sequence[int]] | None = None,
+    serial: str | None = None,
 ) -> Lesson:
     """Read a usbmon or USBPcap capture and write down what a camera needs.
 
@@ -38,6 +49,7 @@ def learn(
         path: pcapng or pcap file.
         model: needed where the capture does not hold the camera's descriptor.
         registers: for a setting, the values that were set one after the other while the trace was taken.
+        serial: of the camera, needed where the capture does not hold it; the profile is for no other one.
 
     Raises:
         RecordingError: not such a capture, no SwissRanger in it, too few frames, or a register that the trace
@@ -48,6 +60,7 @@ def learn(
     own = [transfer for transfer in transfers if transfer.device == device]
     session = cut_session(own, base)
     source = f"trace {path.name}, SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()[:16]}"
+    base = base.model_copy(update={"serial": serial or serial_in(transfers, device)})
     return _lesson(session, own, base, source, dict(registers or {}))
 
 

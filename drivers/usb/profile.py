@@ -1,15 +1,16 @@
 """What is known of one camera model, as data: a TOML file, every entry marked with how sure it is."""
 
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Generic, Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from drivers.calibration import Calibration, sr3000_calibration, sr4000_calibration
+from drivers.calibration import Calibration, sr2b_calibration, sr3000_calibration, sr4000_calibration
+from drivers.documents import parse_toml, told
 from drivers.errors import InitialisationError
 from drivers.exposure import SAMPLES
+from drivers.settings import LONGEST_INTEGRATION_TIME
 from drivers.usb.steps import Byte, Step, Word
 
 Confidence = Literal["documented", "code", "measured", "inferred", "learned", "unknown"]
@@ -19,7 +20,7 @@ NEEDS_CONSENT: frozenset[Confidence] = frozenset({"inferred", "learned"})
 
 Plane = Literal["distance", "amplitude", "intensity"]
 
-CALIBRATIONS = {"sr3000": sr3000_calibration, "sr4000": sr4000_calibration}
+CALIBRATIONS = {"sr2b": sr2b_calibration, "sr3000": sr3000_calibration, "sr4000": sr4000_calibration}
 
 FOLDER = Path(__file__).parent / "profiles"
 
@@ -108,6 +109,7 @@ class Profile(_Part):
 
     model: str
     note: str = ""
+    serial: str | None = Field(None, description="Serial number of the only camera it is for; none = any.")
     ids: tuple[UsbId, ...] = Field(min_length=1)
     interface: Fact[Byte]
     configuration: Fact[Byte]
@@ -122,7 +124,7 @@ class Profile(_Part):
     readout: Fact[float]
     modulation_frequency: Fact[float]
     registers: Registers
-    calibration: Fact[Literal["sr3000", "sr4000"]]
+    calibration: Fact[Literal["sr2b", "sr3000", "sr4000"]]
 
     @model_validator(mode="after")
     def _planes_are_enough(self) -> Self:
@@ -148,9 +150,7 @@ class Profile(_Part):
         Args:
             integration_time: seconds per sample, None = unknown.
         """
-        longest = self.exposure.value.longest if self.exposure.value is not None else 0.0
-        at_most = integration_time if integration_time is not None else longest
-        return SAMPLES * (integration_time or 0.0), SAMPLES * (at_most + (self.readout.value or 0.0))
+        return exposure_bounds(self.exposure.value, self.readout.value, integration_time)
 
     def nominal_calibration(self) -> Calibration:
         """Nominal optics of the model; raises `InitialisationError` where they are unknown."""
@@ -172,14 +172,27 @@ class Profile(_Part):
             InitialisationError: the file cannot be read, is not TOML, or is no profile; says where.
         """
         try:
-            return cls.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise InitialisationError(f"{path}: cannot read the camera profile ({error})") from error
+            return cls.model_validate(parse_toml(path.read_bytes()))
         except ValidationError as error:
-            faults = "; ".join(
-                f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}" for fault in error.errors()
-            )
-            raise InitialisationError(f"{path}: not a camera profile ({faults})") from error
+            raise InitialisationError(f"{path}: not a camera profile ({told(error)})") from error
+        except (OSError, ValueError) as error:
+            raise InitialisationError(f"{path}: cannot read the camera profile ({error})") from error
+
+
+def exposure_bounds(
+    exposure: Exposure | None, readout: float | None, integration_time: float | None
+) -> tuple[float, float]:
+    """Seconds that the exposure of a frame takes at least and at most; readout counts where it is known.
+
+    Args:
+        exposure: of the model, None = unknown.
+        readout: seconds after each sample, None = unknown.
+        integration_time: seconds per sample, None = unknown.
+    """
+    at_most = integration_time
+    if at_most is None:
+        at_most = exposure.longest if exposure is not None else LONGEST_INTEGRATION_TIME
+    return SAMPLES * (integration_time or 0.0), SAMPLES * (at_most + (readout or 0.0))
 
 
 def shipped_profiles() -> list[Profile]:

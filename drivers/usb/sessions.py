@@ -6,11 +6,14 @@ from dataclasses import dataclass, field
 
 from drivers.errors import RecordingError
 from drivers.usb.profile import Profile
-from drivers.usb.steps import TYPE_MASK, Control, Read, RegisterWrite, Step, Write
+from drivers.usb.steps import TYPE_MASK, Control, Read, RegisterWrite, Step, Write, writes_flash
 from drivers.usb.trace import Transfer
 
 DEVICE_DESCRIPTOR = bytes((0x80, 6, 0, 1))
 """Start of the standard request that reads a device's ids (USB 2.0, section 9.4.3)."""
+
+STRING_DESCRIPTOR = bytes((0x80, 6))
+"""Start of the standard request that reads a string; its number and kind 3 follow."""
 
 SET_CONFIGURATION = bytes((0x00, 9))
 
@@ -69,6 +72,15 @@ def ids_in(transfers: Sequence[Transfer]) -> dict[tuple[int, int], tuple[int, in
         for transfer in transfers
         if transfer.setup[:4] == DEVICE_DESCRIPTOR and len(transfer.data) >= 12
     }
+
+
+def serial_in(transfers: Sequence[Transfer], device: tuple[int, int]) -> str | None:
+    """The serial number in the descriptors of a device (USB 2.0, sections 9.6.1 and 9.6.7), or None."""
+    own = [transfer for transfer in transfers if transfer.device == device]
+    index = next((t.data[16] for t in own if t.setup[:4] == DEVICE_DESCRIPTOR and len(t.data) >= 17), 0)
+    answers = [t.data for t in own if index and t.setup[:4] == STRING_DESCRIPTOR + bytes((index, 3))]
+    texts = [data[2 : data[0]].decode("utf-16-le", "replace").strip() for data in answers if len(data) > 2]
+    return max(texts, key=len, default="") or None
 
 
 def cut_session(transfers: Sequence[Transfer], base: Profile) -> Session:
@@ -132,7 +144,7 @@ def _uninterrupted(
 
 
 def steps_of(transfers: Sequence[Transfer], bulk_out: int) -> list[Step]:
-    """The transfers as steps that can be sent again; standard and failed ones are left out.
+    """The transfers as steps that can be sent again; standard, failed and flash-writing ones are left out.
 
     Raises:
         RecordingError: bytes that were sent are missing in the capture.
@@ -155,6 +167,8 @@ def without_pause(step: Step) -> Step:
 def _step(transfer: Transfer, bulk_out: int, pause: float) -> Step | None:
     is_standard = transfer.kind == "control" and (not transfer.setup or not transfer.setup[0] & TYPE_MASK)
     if is_standard or transfer.kind not in ("control", "bulk") or not transfer.succeeded:
+        return None
+    if transfer.kind == "control" and writes_flash(transfer.setup[0], transfer.setup[1]):
         return None
     if not transfer.reads and transfer.is_truncated:
         raise RecordingError(

@@ -10,6 +10,18 @@ DIRECTION_IN = 0x80
 TYPE_MASK = 0x60
 """Bits of bmRequestType that tell standard (0), class (0x20) and vendor (0x40) requests apart."""
 
+VENDOR_TYPE = 0x40
+
+FLASH_WRITES = frozenset({0xA2, 0xA9})
+"""Vendor requests of the camera's USB chip (Cypress FX2) that write its EEPROM, small and large, when they go
+to the device (fxload, and Cypress's own Vend_Ax)."""
+
+
+def writes_flash(request_type: int, request: int) -> bool:
+    """Whether a control request is known to write memory that outlives the power supply."""
+    is_vendor = request_type & TYPE_MASK == VENDOR_TYPE
+    return is_vendor and not request_type & DIRECTION_IN and request in FLASH_WRITES
+
 
 def _from_hex(value: object) -> object:
     return bytes.fromhex(value) if isinstance(value, str) else value
@@ -51,6 +63,10 @@ class Control(_Step):
     def _consistent(self) -> "Control":
         if not self.request_type & TYPE_MASK:
             raise ValueError("standard requests are not allowed in a profile")
+        if writes_flash(self.request_type, self.request):
+            raise ValueError(
+                f"request 0x{self.request:02x} writes the EEPROM of the camera's USB chip, and is never sent"
+            )
         if self.reads and self.data:
             raise ValueError("a request that reads cannot carry data")
         if not self.reads and (self.length or self.until is not None):

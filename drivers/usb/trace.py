@@ -153,7 +153,7 @@ def _usbpcap(packet: Packet) -> _Event | None:
     transfer.data, transfer.length = packet.data[header:], length
     if KINDS[kind] != "control":
         return _Event(identifier, not from_device, from_device, status, transfer)
-    stage = packet.data[USBPCAP_BASE] if header > USBPCAP_BASE else STAGE_SETUP
+    stage = packet.data[USBPCAP_BASE] if min(header, len(packet.data)) > USBPCAP_BASE else STAGE_SETUP
     begins = stage == STAGE_SETUP and not from_device
     if begins:
         transfer = replace(

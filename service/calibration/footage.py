@@ -12,16 +12,17 @@ from numpy.typing import NDArray
 
 from drivers.calibration import Calibration
 from drivers.frame import Frame
+from drivers.position import Position
 from drivers.recording import open_recording
-from drivers.stage import Position
 from service.calibration.board import Board, Sighting, find_board
 from service.calibration.intrinsics import is_new
 from service.calibration.mount import View
 from service.capture.live import filmed, live
 from service.capture.loop import ScanBursts
-from service.capture.plan import Plan
-from service.config import Configuration
+from service.capture.motion import Operator
+from service.config.sections import Configuration
 from service.errors import CalibrationError
+from service.planning.plan import Plan
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Footage:
 
 
 def recorded(paths: Sequence[Path]) -> list[Footage]:
-    """All frames of each recording.
+    """All frames of each recording, those of each calibration by themselves.
 
     Raises:
         RecordingError: a file cannot be read or lacks a calibration.
@@ -41,7 +42,8 @@ def recorded(paths: Sequence[Path]) -> list[Footage]:
     found = []
     for path in paths:
         recording = open_recording(path)
-        found.append(Footage(tuple(recording.frames()), recording.calibration))
+        for known, frames in groupby(recording.frames(), key=recording.calibration_of):
+            found.append(Footage(tuple(frames), known))
     return found
 
 
@@ -84,14 +86,17 @@ def find_views(frames: Sequence[Frame], board: Board) -> list[View]:
     return views
 
 
-def turn_around(configuration: Configuration, pan: float, tilt: float, repeats: int) -> Footage:
+def turn_around(
+    configuration: Configuration, pan: float, tilt: float, repeats: int, operator: Operator
+) -> Footage:
     """Frames at a grid of poses that reaches `pan` and `tilt` (radians) to either side of the plan's centre.
 
     Raises:
+        MotionError: nobody consents to homing the stage, or a movement failed.
         CalibrationError: the stage does not move.
         PlanError: a pose beyond the stage's limits.
     """
-    with live(configuration) as grabber:
+    with live(configuration, operator) as grabber:
         limits = grabber.rig.stage.limits
         reaches = [
             np.linspace(-1, 1, steps) * reach if low < high and reach > 0 else np.zeros(1)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from drivers.calibration import Calibration, Mount
 from drivers.poses import camera_rotation, stage_rotation
-from drivers.stage import Position
+from drivers.position import Position
 from service.calibration.board import Sighting
 from service.errors import CalibrationError
 

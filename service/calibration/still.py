@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from drivers.frame import Frame
 from service.errors import CalibrationError
 
+TURNED = np.radians(0.05)
+"""By as much as a stage that stands still may report other angles: a sixth of a pixel."""
+
 
 @dataclass(frozen=True)
 class Still:
@@ -38,7 +41,7 @@ def reduce_still(frames: Sequence[Frame]) -> Still:
     """Average frames taken with the same settings, the distance modulo the ambiguity range.
 
     Raises:
-        CalibrationError: no frames, or frames of different sizes or settings.
+        CalibrationError: no frames, frames of different sizes or settings, or a stage that turned meanwhile.
     """
     if not frames:
         raise CalibrationError("there are no frames; record a still scene first: lidarboost capture")
@@ -47,6 +50,12 @@ def reduce_still(frames: Sequence[Frame]) -> Still:
         raise CalibrationError(
             f"the {len(frames)} frames were taken with {len(settings)} different settings; expected the same "
             "size, frequency and integration time in all of them: calibrate one setting at a time"
+        )
+    turn = float(np.ptp([(frame.pan, frame.tilt) for frame in frames], axis=0).max())
+    if turn > TURNED:
+        raise CalibrationError(
+            f"the stage turned by {np.degrees(turn):.2f}° between the {len(frames)} frames; expected a "
+            "camera at rest: record them by lidarboost capture, not by a scan"
         )
     period = frames[0].ambiguity_range
     distance = np.stack([frame.distance for frame in frames]).astype(np.float64)

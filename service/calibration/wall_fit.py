@@ -14,31 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.calibration import Calibration, CyclicTerm
-from service.calibration.still import Still
-from service.errors import CalibrationError
+from service.calibration.wall import Wall, plane_through, rays_of, wall_pixels, weights_of
 
 STEPS = 30
-OUTLIER = 4.0
-"""Robust deviations from the wall at which a pixel is taken for something else than wall."""
-
-LEAST_SHARE = 0.3
-"""Of the image that has to show the wall."""
-
 KNOWN_WEIGHT = 1e6
 """Of a known distance against one pixel: it holds to well under a millimetre."""
-
-
-@dataclass(frozen=True)
-class Wall:
-    """One flat wall.
-
-    Attributes:
-        still: the mean of its frames.
-        distance: perpendicular distance from the camera's projection centre, metres, or None.
-    """
-
-    still: Still
-    distance: float | None
 
 
 @dataclass(frozen=True)
@@ -55,25 +35,34 @@ class WallFit:
 
     def __init__(self, walls: Sequence[Wall], calibration: Calibration) -> None:
         self._walls = walls
-        self._range = walls[0].still.ambiguity_range
+        self.ambiguity_range = walls[0].still.ambiguity_range
         self._shape = walls[0].still.distance.shape
         self._rays = rays_of(calibration)
-        self._weights = [_weights(wall.still) for wall in walls]
+        self._weights = [weights_of(wall.still) for wall in walls]
         self._on_wall = [
-            self._wall_pixels(wall.still.distance, weight)
-            for wall, weight in zip(walls, self._weights, strict=True)
+            wall_pixels(self._rays, wall.still.distance, weight, number)
+            for number, (wall, weight) in enumerate(zip(walls, self._weights, strict=True), start=1)
         ]
 
     def solve(self, harmonics: Sequence[int], pattern: NDArray[np.float64] | None = None) -> Solution:
         """The least squares solution; `pattern` (H, W) is taken as known."""
-        count, size = len(self._walls), 1 + 2 * len(harmonics)
-        planes = np.array(
-            [
-                _plane(self._rays[on], d[on], weight[on])
-                for (d, on), weight in zip(self._measured(), self._weights, strict=True)
-            ]
-        )
-        shared = np.zeros(size)
+        planes, shared = self._nearest_planes(), np.zeros(1 + 2 * len(harmonics))
+        away = 1 / np.linalg.norm(planes, axis=1)
+        true = np.array([wall.distance or measured for wall, measured in zip(self._walls, away, strict=True)])
+        shared[0] = np.median(away - true)
+        return self._iterate(harmonics, pattern, planes * (away / true)[:, None], shared)
+
+    def _iterate(
+        self,
+        harmonics: Sequence[int],
+        pattern: NDArray[np.float64] | None,
+        planes: NDArray[np.float64],
+        shared: NDArray[np.float64],
+        *,
+        fixed: bool = False,
+    ) -> Solution:
+        """Gauss–Newton from here; `fixed`: of the planes alone."""
+        count, size = len(planes), len(shared)
         normal = np.eye(3 * count + size)
         for _ in range(STEPS):
             normal, gradient = np.zeros((3 * count + size,) * 2), np.zeros(3 * count + size)
@@ -89,9 +78,11 @@ class WallFit:
                     slope = -planes[k] / length**3
                     normal[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] += KNOWN_WEIGHT * np.outer(slope, slope)
                     gradient[3 * k : 3 * k + 3] += KNOWN_WEIGHT * slope * (known - 1 / length)
-            step = np.linalg.lstsq(normal, gradient, rcond=1e-13)[0]
+            free = slice(3 * count if fixed else None)
+            step = np.zeros(3 * count + size)
+            step[free] = np.linalg.lstsq(normal[free, free], gradient[free], rcond=1e-13)[0]
             planes, shared = planes + step[: 3 * count].reshape(-1, 3), shared + step[3 * count :]
-            if np.abs(step[3 * count :]).max() < 1e-7:
+            if np.abs(step[free][-size:]).max() < 1e-7:
                 break
         covariance = np.asarray(np.linalg.pinv(normal), dtype=np.float64)[3 * count :, 3 * count :]
         solution = Solution(planes, shared, covariance)
@@ -102,10 +93,10 @@ class WallFit:
         """Harmonics of which the walls show at least one period, and why not the others."""
         seen = np.concatenate([measured[on] for measured, on in self._measured()])
         near, far = np.percentile(seen, (1, 99))
-        spanned = tuple(h for h in harmonics if far - near >= self._range / h)
+        spanned = tuple(h for h in harmonics if far - near >= self.ambiguity_range / h)
         missing = [
-            f"harmonic {h} left out: its period is {self._range / h:.2f} m, the walls span {far - near:.2f} "
-            "m (add walls nearer and farther, or one seen at a slant)"
+            f"harmonic {h} left out: its period is {self.ambiguity_range / h:.2f} m, the walls span "
+            f"{far - near:.2f} m (add walls nearer and farther, or one seen at a slant)"
             for h in harmonics
             if h not in spanned
         ]
@@ -153,23 +144,65 @@ class WallFit:
         pattern: NDArray[np.float64] | None = None,
     ) -> float:
         """Weighted RMS residual, metres: of a pixel of median brightness."""
-        total = count = 0.0
+        weight = [self._weights[k][on].sum() for k, on in enumerate(self._on_wall)]
+        return float(np.sqrt(np.average(self.wall_rms(solution, harmonics, pattern) ** 2, weights=weight)))
+
+    def wall_rms(
+        self,
+        solution: Solution,
+        harmonics: Sequence[int],
+        pattern: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.float64]:
+        """(K,) the same of each wall."""
+        found = []
         for k, (d, on) in enumerate(self._measured()):
             error, _ = self._linearised(solution.planes[k], solution.shared, d[on], on, harmonics, pattern)
-            total += float(self._weights[k][on] @ error**2)
-            count += float(self._weights[k][on].sum())
-        return float(np.sqrt(total / count))
+            found.append(np.sqrt(np.average(error**2, weights=self._weights[k][on])))
+        return np.array(found)
 
-    def profile(self, solution: Solution) -> NDArray[np.float64]:
-        """(2, M) expected measured distance and residual plus constant, in up to 60 bins of distance.
+    def noise_rms(self) -> NDArray[np.float64]:
+        """(K,) the noise of one frame of each wall, weighted alike, metres; NaN where there is one frame."""
+        parts = zip(self._walls, self._on_wall, self._weights, strict=True)
+        return np.array(
+            [
+                np.sqrt(np.average(np.mean(wall.still.deviations**2, axis=0)[on], weights=weight[on]))
+                for wall, on, weight in parts
+            ]
+        )
+
+    def measured_distances(self) -> NDArray[np.float64]:
+        """(K,) perpendicular distances, metres, of the planes that lie nearest to what was measured."""
+        return np.asarray(1 / np.linalg.norm(self._nearest_planes(), axis=1))
+
+    def _nearest_planes(self) -> NDArray[np.float64]:
+        return np.array(
+            [
+                plane_through(self._rays[on], d[on], weight[on])
+                for (d, on), weight in zip(self._measured(), self._weights, strict=True)
+            ]
+        )
+
+    def refit(
+        self, solution: Solution, harmonics: Sequence[int], pattern: NDArray[np.float64] | None = None
+    ) -> Solution:
+        """Planes anew for what is shared as it is given, so that other frames are judged by it.
+
+        Where a distance is known the plane keeps it: then what is shared alone explains the walls.
+        """
+        return self._iterate(harmonics, pattern, solution.planes, solution.shared, fixed=True)
+
+    def profile(self, solution: Solution, harmonics: Sequence[int]) -> NDArray[np.float64]:
+        """(2, M) expected measured distance and what it is off the planes, in up to 60 bins of distance.
 
         Binned by what is expected: among like distances, those that measured near would have low errors.
         """
         expected, errors = [], []
         for k, (measured, on) in enumerate(self._measured()):
-            error, _ = self._linearised(solution.planes[k], solution.shared, measured[on], on, (), None)
+            error, _ = self._linearised(
+                solution.planes[k], solution.shared, measured[on], on, harmonics, None
+            )
             expected.append(measured[on] - error)
-            errors.append(error + solution.shared[0])
+            errors.append(measured[on] - 1 / (self._rays[on] @ solution.planes[k]))
         distance, error = np.concatenate(expected), np.concatenate(errors)
         groups = [group for group in np.array_split(np.argsort(distance), 60) if group.size]
         return np.array([[distance[g].mean() for g in groups], [error[g].mean() for g in groups]])
@@ -198,56 +231,9 @@ class WallFit:
         """(M, 1 + 2 per harmonic) derivative of the error by the shared parameters."""
         columns = [np.ones_like(distance)]
         for harmonic in harmonics:
-            phase = 2 * np.pi * harmonic * distance / self._range
+            phase = 2 * np.pi * harmonic * distance / self.ambiguity_range
             columns += [np.sin(phase), np.cos(phase)]
         return np.stack(columns, axis=1)
 
     def _measured(self) -> list[tuple[NDArray[np.float64], NDArray[np.bool_]]]:
         return [(wall.still.distance, on) for wall, on in zip(self._walls, self._on_wall, strict=True)]
-
-    def _wall_pixels(self, distance: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """(H, W) pixels within the noise and the systematic errors of the flat wall."""
-        measured = np.isfinite(distance) & (weight > 0)
-        on = measured
-        for _ in range(10):
-            if on.mean() < LEAST_SHARE:
-                raise CalibrationError(
-                    f"{100 * on.mean():.0f} % of the image show one flat wall, at least "
-                    f"{100 * LEAST_SHARE:.0f} % are needed: fill the view with it"
-                )
-            plane = _plane(self._rays[on], distance[on], weight[on])
-            error = np.abs(distance - 1 / (self._rays @ plane)) * np.sqrt(weight)
-            keep = measured & (error < OUTLIER * float(np.median(error[on])) / 0.6745)
-            if (keep == on).all():
-                break
-            on = keep
-        return on
-
-
-def _weights(still: Still) -> NDArray[np.float64]:
-    """(H, W) 1 / variance against a pixel of median brightness, at most 1; 0 where nothing was measured.
-
-    σ ∝ 1 / amplitude; brighter pixels are no better, since systematic errors are left in them.
-    """
-    bright = np.nan_to_num(still.amplitude, nan=0.0)
-    middle = float(np.median(bright[bright > 0])) if np.any(bright > 0) else 1.0
-    weight: NDArray[np.float64] = np.minimum(1.0, (bright / middle) ** 2)
-    return weight
-
-
-def rays_of(calibration: Calibration) -> NDArray[np.float64]:
-    """(H, W, 3) unit rays of the pixels, camera axes."""
-    from solver.lens import pixel_rays
-
-    slopes = pixel_rays(calibration.shape, calibration.intrinsics.matrix, calibration.distortion)
-    rays = np.concatenate([slopes[..., :2], np.ones((*calibration.shape, 1))], axis=2)
-    unit: NDArray[np.float64] = rays / np.linalg.norm(rays, axis=2, keepdims=True)
-    return unit
-
-
-def _plane(
-    rays: NDArray[np.float64], distance: NDArray[np.float64], weight: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """(3,) q of the plane through the points distance · ray, by least squares of distance · (q · ray) = 1."""
-    root = np.sqrt(weight)
-    return np.asarray(np.linalg.lstsq(rays * (distance * root)[:, None], root, rcond=None)[0])

@@ -10,10 +10,11 @@ from drivers.calibration import Calibration
 from drivers.camera import Camera
 from drivers.clock import Clock, SystemClock
 from drivers.device import Device
-from drivers.errors import DriverError, InitialisationError, RecordingError
+from drivers.errors import DeviceLostError, DriverError, InitialisationError, RecordingError
 from drivers.settings import CameraSettings
 from drivers.stage import Stage
-from service.config import CameraSection, Configuration
+from service.capture.motion import HomePolicy, Motion, Operator
+from service.config.sections import CameraSection, Configuration
 from service.errors import ConfigurationError
 
 _FIRST_WAIT, _LONGEST_WAIT = 0.5, 30.0
@@ -32,6 +33,12 @@ class Rig:
         clock: of the devices.
         settings: put in force whenever the camera is opened; None = as the camera has them.
         calibration: replaces the camera's own.
+        home: when an unknown position of the stage may be found by homing.
+        operator: who is told what is about to move, and asked whether it may.
+
+    Attributes:
+        motion: moves the stage.
+        beats: counted up by whatever waits on purpose or tries again: a sign of life where no frame comes.
     """
 
     def __init__(
@@ -41,12 +48,16 @@ class Rig:
         clock: Clock | None = None,
         settings: CameraSettings | None = None,
         calibration: Calibration | None = None,
+        home: HomePolicy = "ask",
+        operator: Operator | None = None,
     ) -> None:
         self.camera, self.stage = camera, stage
+        self.motion = Motion(stage, home, operator if operator is not None else Operator())
         self.clock = clock if clock is not None else SystemClock()
         self.settings = settings
         self._calibration = calibration
         self.reopened = 0
+        self.beats = 0
         self.is_recovering = False
 
     @property
@@ -54,24 +65,23 @@ class Rig:
         """The configured calibration, else the camera's."""
         return self._calibration or self.camera.calibration
 
+    @property
+    def is_open(self) -> bool:
+        """Whether both are."""
+        return self.camera.is_open and self.stage.is_open
+
+    def beat(self) -> None:
+        """Count a sign of life."""
+        self.beats += 1
+
     def open(self) -> None:
-        """Open and start both, homing a stage that does not know where it is; closes both when raising.
+        """Open and start both; nothing moves. Closes both when raising.
 
         Raises:
             NotAvailableError, InitialisationError: as the devices; also settings the camera refuses.
-            OperationError: homing failed.
         """
         try:
-            self.stage.open()
-            if self.stage.needs_home:
-                _log.info("homing the stage: its position is unknown")
-                self.stage.home()
-            self.camera.mount_on(self.stage)
-            self.camera.open()
-            if self.settings is not None:
-                self.camera.settings = self.settings
-            self._check_shape()
-            self.camera.start()
+            self._open()
         except BaseException:
             self.close()
             raise
@@ -79,24 +89,34 @@ class Rig:
     def close(self) -> None:
         """Release both, whatever state they are in."""
         for device in (self.camera, self.stage):
-            try:
-                device.close()
-            except DriverError as error:
-                _log.warning("closing %s: %s", type(device).__name__, error)
+            self._close(device)
 
     def reopen(self, stopping: Callable[[], bool]) -> bool:
-        """Close both and open them again, waiting longer after each failure.
+        """Stop the stage, close both and open them again, waiting longer after each failure.
+
+        A stage that still knows where it is stays open: many forget it when they are opened.
 
         Returns:
             False where `stopping` became true first.
+
+        Raises:
+            MotionError: stopping the stage cost its position.
         """
+        try:
+            self.motion.halt()
+        except DeviceLostError as error:
+            _log.warning("stopping the stage: %s", error)
         self.is_recovering = True
-        self.close()
+        self._close(self.camera)
+        if self.stage.needs_home:
+            self._close(self.stage)
         wait = _FIRST_WAIT
         while not stopping():
+            self.beat()
             try:
-                self.open()
+                self._open()
             except DriverError as error:
+                self._close(self.camera)
                 _log.warning("opening again: %s; next attempt in %.1f s", error, wait)
             else:
                 self.reopened += 1
@@ -106,15 +126,37 @@ class Rig:
             wait = min(2 * wait, _LONGEST_WAIT)
         return False
 
+    def _open(self) -> None:
+        self.stage.open()
+        self.camera.mount_on(self.stage)
+        self.camera.open()
+        if self.settings is not None:
+            self.camera.settings = self.settings
+        self._check_shape()
+        self.camera.start()
+
+    @staticmethod
+    def _close(device: Device) -> None:
+        try:
+            device.close()
+        except DriverError as error:
+            _log.warning("closing %s: %s", type(device).__name__, error)
+
     def apply(self, settings: CameraSettings) -> None:
-        """Put settings in force, now and after every re-opening; raises as the camera."""
-        self.camera.settings = settings
-        self.settings = settings
+        """Put settings in force, now and after every re-opening; raises as the camera, as it was then."""
+        before = self.camera.settings
+        try:
+            self.camera.settings = settings
+        except InitialisationError:
+            self.camera.settings = before  # it may have taken some of them
+            raise
+        self.settings = self.camera.settings
 
     def wait(self, seconds: float, stopping: Callable[[], bool]) -> None:
         """Let time pass, until `stopping` becomes true."""
         end = self.clock.now() + round(seconds * 1e9)
         while not stopping() and self.clock.now() < end:
+            self.beat()
             self.clock.sleep(min(0.1, (end - self.clock.now()) * 1e-9))
 
     def _check_shape(self) -> None:
@@ -126,8 +168,13 @@ class Rig:
             )
 
 
-def make_rig(configuration: Configuration, clock: Clock | None = None) -> Rig:
+def make_rig(
+    configuration: Configuration, clock: Clock | None = None, operator: Operator | None = None
+) -> Rig:
     """The configured devices, closed.
+
+    Args:
+        operator: who is told what is about to move, and asked whether it may; none = nobody is there.
 
     Raises:
         ConfigurationError: an unknown backend, an option that it cannot take, or a calibration
@@ -139,7 +186,8 @@ def make_rig(configuration: Configuration, clock: Clock | None = None) -> Rig:
     calibration = configured_calibration(section)
     stage = _made(make_stage, "stage", configuration.stage.backend, configuration.stage.options, clock)
     camera = find_camera(section, clock)
-    return Rig(camera, stage, clock, section.settings, calibration)
+    home = configuration.stage.home
+    return Rig(camera, stage, clock, section.settings, calibration, home, operator)
 
 
 def check_options(configuration: Configuration) -> None:

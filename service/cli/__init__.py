@@ -37,6 +37,12 @@ COMMANDS: dict[str, Entry] = {
     "status": Entry("service.cli.status", "status", "Show how a running service is doing.", _LIVE),
     "get": Entry("service.cli.get", "get", "Show or save the latest value of a topic.", _LIVE),
     "watch": Entry("service.cli.watch", "watch", "Print the messages of a topic as they come.", _LIVE),
+    "scan": Entry("service.cli.scan", "app", "Have it scan: start, stop, cancel, once, pause …", _LIVE),
+    "stream": Entry("service.cli.stream", "app", "Have it fuse every frame: start, stop.", _LIVE),
+    "stage": Entry("service.cli.stage", "app", "Ask, stop or home its stage.", _LIVE),
+    "settings": Entry("service.cli.sections", "settings", "Show or change the camera's settings.", _LIVE),
+    "plan": Entry("service.cli.sections", "plan", "Show or change the plan of poses.", _LIVE),
+    "fusion": Entry("service.cli.sections", "fusion", "Show or change how frames are fused.", _LIVE),
     "simulate": Entry(
         "service.cli.simulate", "simulate", "Record a simulated scan with its ground truth.", _RECORDINGS
     ),

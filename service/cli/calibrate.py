@@ -176,6 +176,10 @@ def mount(
         float, typer.Option(min=0, max=40, help="How far to tilt up and down, degrees (live).")
     ] = 5.0,
     repeats: Annotated[int, typer.Option(min=1, max=100, help="Frames at each pose (live).")] = 3,
+    home: Annotated[
+        bool,
+        typer.Option("--home", help="Home the stage where its position is unknown (live): it moves for it."),
+    ] = False,
     output: Output = DEFAULT_OUTPUT,
     base: Base = None,
     force: Force = False,
@@ -195,13 +199,15 @@ def mount(
 
     from service.calibration.footage import find_views, recorded, turn_around
     from service.calibration.mount import calibrate_mount
+    from service.cli.operator import TerminalOperator, with_consent
 
     check_output(output, base, force)
     printed = board_of(board, square, charuco, marker)
     if recordings:
         footage = recorded(recordings)
     else:
-        footage = [turn_around(configured(config), radians(pan), radians(tilt), repeats)]
+        rig = with_consent(configured(config), home)
+        footage = [turn_around(rig, radians(pan), radians(tilt), repeats, TerminalOperator(home))]
     known = base_of(base, footage[0].calibration)
     views = [view for part in footage for view in find_views(part.frames, printed)]
     save(calibrate_mount(views, known), "mount", known, output, as_json)

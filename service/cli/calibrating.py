@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from service.calibration.board import Board
     from service.calibration.footage import Footage
     from service.calibration.pictures import Fit
-    from service.config import Configuration
+    from service.config.sections import Configuration
 
 
 def footage_of(recordings: list[Path] | None, config: Path | None, frames: int) -> list[Footage]:
@@ -25,7 +25,7 @@ def footage_of(recordings: list[Path] | None, config: Path | None, frames: int) 
 
 def configured(config: Path | None) -> Configuration:
     """The configuration of a live camera; raises `ConfigurationError` where none is given."""
-    from service.config_file import load
+    from service.config.file import load
     from service.errors import ConfigurationError
 
     if config is None:
@@ -73,6 +73,9 @@ def save(fit: Fit, part: str, known: Calibration, output: Path, as_json: bool) -
     picture = output.with_suffix(f".{part}.png")
     found.save(output)
     save_picture(picture, fit, found.shape)
+    warnings = getattr(fit, "warnings", ())
+    for warning in warnings:
+        print(f"warning: {warning}", file=sys.stderr)
     if as_json:
         said = {"summary": str(fit), "calibration": found.model_dump(mode="json"), "picture": str(picture)}
         print(json.dumps(said, indent=2))

@@ -29,9 +29,9 @@ def capture(
     import numpy as np
 
     from service.capture.live import filmed, live
-    from service.capture.quick_look import draw_frames, record_frames
-    from service.config_file import load
+    from service.config.file import load
     from service.errors import OutputError
+    from service.jobs.quick_look import draw_frames, record_frames
 
     if output.exists() and not force:
         raise OutputError(f"{output} exists already; choose another name, or replace it with --force")

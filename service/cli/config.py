@@ -19,7 +19,7 @@ def check(
         bool, typer.Option("--json", help="Print the configuration in force as JSON.")
     ] = False,
 ) -> None:
-    """Check a configuration: file, environment, and the options of the camera and stage it names.
+    """Check a configuration: file, environment, and the options of camera, stage and sinks that it names.
 
     Opens no device. Prints the configuration in force, as TOML.
 
@@ -34,10 +34,12 @@ def check(
     import tomli_w
 
     from service.capture.rig import check_options
-    from service.config_file import load
+    from service.config.file import load
+    from service.sinks.configured import configured_sinks
 
     found = load(file)
     check_options(found)
+    configured_sinks(found.sinks)
     if as_json:
         print(found.model_dump_json(indent=2))
     else:
@@ -52,6 +54,6 @@ def schema() -> None:
     """
     import json
 
-    from service.config_file import schema as found
+    from service.config.file import schema as found
 
     print(json.dumps(found(), indent=2, ensure_ascii=False))

@@ -14,13 +14,13 @@ def counted(total: int, what: str, noun: str = "frames") -> Iterator[Callable[[]
     if not sys.stderr.isatty():
         yield _lines(total, what, noun)
         return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import TimeRemainingColumn
 
-    columns = TextColumn(what), BarColumn(), MofNCompleteColumn(), TextColumn(noun), TimeRemainingColumn()
-    with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task("", total=total)
-        yield lambda: bar.advance(task)
+    from service.cli.terminal import bar
+
+    with bar(TimeRemainingColumn(), noun) as shown:
+        task = shown.add_task(what, total=total)
+        yield lambda: shown.advance(task)
 
 
 def _lines(total: int, what: str, noun: str) -> Callable[[], None]:

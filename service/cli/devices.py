@@ -51,6 +51,9 @@ def learn(
     model: Annotated[
         str | None, typer.Option(help="SR2A, SR2B, SR3000 or SR4000, where the trace does not tell.")
     ] = None,
+    serial: Annotated[
+        str | None, typer.Option(help="Serial number of the camera, where the trace does not tell.")
+    ] = None,
     register: Annotated[
         list[str] | None,
         typer.Option(
@@ -67,12 +70,14 @@ def learn(
     Then plug in, let the software open the camera, take ten frames, close it.
 
     The profile is data: it lists the requests that were seen, and the camera
-    `usb` sends no others. Using it needs `profile` and `allow_inferred = true`
+    `usb` sends no others, and to no camera with another serial number. Requests
+    known to write flash are left out. What it will send is printed here, and
+    logged whenever it is used, which needs `profile` and `allow_inferred = true`
     among the camera's options.
     """
     from drivers.usb.learn import learn as learn_profile
 
-    lesson = learn_profile(trace, model, dict(_register(text) for text in register or ()))
+    lesson = learn_profile(trace, model, dict(_register(text) for text in register or ()), serial)
     path = output if output is not None else Path(f"{lesson.profile.model.lower()}-learned.toml")
     try:
         with path.open("x", encoding="utf-8") as file:
@@ -102,10 +107,11 @@ def _register(text: str) -> tuple["RegisterName", Sequence[int]]:
 
 
 def _show(cameras: Sequence["FoundDevice"], ports: Sequence["FoundDevice"]) -> None:
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console()
+    from service.cli.terminal import console
+
+    screen = console()
     for title, found in (("Cameras", cameras), ("Serial ports", ports)):
         if not found:
             print(f"{title}: none found")
@@ -114,7 +120,7 @@ def _show(cameras: Sequence["FoundDevice"], ports: Sequence["FoundDevice"]) -> N
         for device in found:
             cells: list[Any] = [device.model, device.serial or "–", device.where, device.backend]
             table.add_row(*cells, device.permission)
-        console.print(table)
+        screen.print(table)
     for device in (*cameras, *ports):
         if device.remedy:
             print(f"{device.where}: {device.remedy}")

@@ -17,15 +17,15 @@ def doctor(
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Check USB permission, udev rule, vendor library, serial port, Zenoh, disk and clock.
+    """Check USB permission, udev rule, vendor library, serial port, Zenoh, kernels, disk and clock.
 
-    Nothing is opened, sent or changed. Under each problem stands the line that mends it.
+    No device is opened, nothing is sent or changed. Under each problem stands the line that mends it.
 
     [bold]Exit status[/bold]  0 nothing stands in the way (warnings aside); 1 there is a problem
     """
     import json
 
-    from service.config_file import load
+    from service.config.file import load
     from service.doctor import examine, udev_rules
 
     if rules:

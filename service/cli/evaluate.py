@@ -163,10 +163,10 @@ def _told() -> Iterator[Callable[[str], None]]:
     if not sys.stderr.isatty():
         yield lambda _: None
         return
-    from rich.console import Console
+    from service.cli.terminal import spinner
 
-    with Console(stderr=True).status("evaluating") as status:
-        yield status.update
+    with spinner("evaluating") as tell:
+        yield tell
 
 
 def _draw(

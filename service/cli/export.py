@@ -35,7 +35,7 @@ def export(
     from drivers.recording import Recording
     from service.cli import DATA_LOST
     from service.errors import ConfigurationError, OutputError
-    from service.output.exporting import clouds, export_arrays, export_cloud
+    from service.jobs.export import clouds, export_arrays, export_cloud
 
     if output.suffix not in (".npz", ".ply"):
         raise ConfigurationError(f"--output: {output} is of no kind known here; expected .npz or .ply")

@@ -11,10 +11,10 @@ import typer
 from solver.options import Method
 
 if TYPE_CHECKING:
-    from service.capture.burst import Burst
-    from service.config import Configuration
-    from service.fusion.summary import BurstSummary
-    from service.offline import Announce
+    from service.config.sections import Configuration
+    from service.jobs.fuse import Announce
+    from service.messages.burst import Burst
+    from service.messages.summary import BurstSummary
     from solver.result import Progress as Iterated
 
 
@@ -25,7 +25,9 @@ def fuse(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option(help="Directory: for each IN, NAME-fused.mcap and a picture of every burst."),
+        typer.Option(
+            help="Directory: for each IN, NAME-fused.mcap and a picture of every burst; never written over."
+        ),
     ] = None,
     method: Annotated[Method | None, typer.Option(help="Which fusion.", show_default="auto")] = None,
     upsampling: Annotated[int | None, typer.Option(min=1, max=16, help="β.", show_default="4")] = None,
@@ -39,6 +41,7 @@ def fuse(
     config: Annotated[
         Path | None, typer.Option(help="Configuration, TOML: sections camera and fusion.")
     ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the file of -o where it exists.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Results as JSON on standard output.")] = False,
 ) -> None:
     """Fuse every burst of one or more recordings, and show method, λ and quality.
@@ -60,16 +63,19 @@ def fuse(
     0 done; 1 an input could not be fused; 2 wrong usage; 3 done, but an
     input is damaged.
     """
-    from service.config_file import load
+    from service.config.file import load
+    from service.files import free_path
 
-    _check(inputs, out, output)
+    _check(inputs, out, output, force)
     flags = {"method": method, "upsampling": upsampling, "regularization": regularization, "frames": frames}
     configuration = load(
         config, {"fusion": {key: value for key, value in flags.items() if value is not None}}
     )
     done, failed, damaged = [], False, False
     for path in inputs:
-        target = out if out is not None else None if output is None else output / f"{path.stem}-fused.mcap"
+        target = out
+        if output is not None:
+            target = free_path(output / f"{path.stem}-fused.mcap")
         with _errors_told(go_on=len(inputs) > 1) as errors:
             found = _fuse_one(path, configuration, target, output is not None, quiet=as_json)
             done.append(found)
@@ -83,7 +89,9 @@ def fuse(
         raise typer.Exit(1 if failed else 3)
 
 
-def _check(inputs: list[Path], out: Path | None, output: Path | None) -> None:
+def _check(inputs: list[Path], out: Path | None, output: Path | None, force: bool) -> None:
+    from service.errors import OutputError
+
     if out is not None and output is not None:
         raise typer.BadParameter("-o names one file, --output a directory: choose one of them")
     if out is not None and len(inputs) > 1:
@@ -91,6 +99,8 @@ def _check(inputs: list[Path], out: Path | None, output: Path | None) -> None:
     targets = [out] if out is not None else []
     if any(target.resolve() == path.resolve() for target in targets for path in inputs):
         raise typer.BadParameter(f"{out} is the input itself: give the result another name")
+    if out is not None and out.exists() and not force:
+        raise OutputError(f"{out} exists already; choose another name, or replace it with --force")
 
 
 @contextmanager
@@ -116,11 +126,10 @@ def _fuse_one(
     """Fuse a recording; returns what is said of it as JSON."""
     from drivers.recording import open_recording
     from service.capture.rig import configured_calibration
-    from service.fusion.quality import judge
-    from service.fusion.summary import describe, summarize
-    from service.offline import fuse_recording
-    from service.output.directory import made_directory
-    from service.output.preview import write_preview
+    from service.files import free_path, made_directory
+    from service.jobs.fuse import fuse_recording
+    from service.messages.summary import describe, summarize
+    from service.sinks.drawing import write_preview
 
     recording = open_recording(path)
     calibration = configured_calibration(configuration.camera)
@@ -130,12 +139,12 @@ def _fuse_one(
             stack.enter_context(made_directory(target.parent))
         announce, say = stack.enter_context(_progress(path, recording.frame_count, quiet=quiet))
         for result in fuse_recording(recording, configuration.fusion, calibration, target, announce):
-            burst = summarize(result, judge(result, recording.truth))
+            burst = summarize(result, recording.truth)
             found.append(burst)
             say(f"{path.name}: {describe(burst)}")
             if pictures and target is not None:
                 picture = target.with_name(f"{path.stem}-burst-{burst.report.burst:04d}.png")
-                write_preview(picture, result, recording.truth)
+                write_preview(free_path(picture), result, recording.truth)
         if target is not None:
             say(f"wrote {target}")
     if recording.damage is not None:
@@ -154,23 +163,23 @@ def _progress(path: Path, frames: int, *, quiet: bool) -> Iterator[tuple["Announ
     if quiet or not sys.stderr.isatty():
         yield (lambda _: None), ((lambda _: None) if quiet else (lambda line: print(line, flush=True)))
         return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import TimeElapsedColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task(path.name, total=frames)
+    from service.cli.terminal import bar
+
+    with bar(TimeElapsedColumn()) as shown:
+        task = shown.add_task(path.name, total=frames)
         fused = 0
 
         def announce(burst: "Burst") -> "Iterated":
             nonlocal fused
-            bar.update(task, completed=fused)
+            shown.update(task, completed=fused)
             fused += len(burst.frames)
 
             def iterated(iteration: int, _objective: float, _gap: float | None) -> None:
-                bar.update(task, description=f"{path.name}, burst {burst.id}, iteration {iteration}")
+                shown.update(task, description=f"{path.name}, burst {burst.id}, iteration {iteration}")
 
             return iterated
 
-        yield announce, lambda line: bar.console.print(line, highlight=False, soft_wrap=True)
-        bar.update(task, completed=frames, description=path.name)
+        yield announce, lambda line: shown.console.print(line, soft_wrap=True)
+        shown.update(task, completed=frames, description=path.name)

@@ -23,7 +23,7 @@ def get(
     Images and points are described on standard output, everything else is printed as JSON. With `-o` they
     go to .npy (the array) or .npz (`value`, `timestamp`, `intrinsics`, `distortion`), points also to .ply.
     """
-    from service.output.saving import describe, save, summarize, writer_for
+    from service.jobs.saving import describe, save, summarize, writer_for
     from service.wire.client import Client
 
     if output is not None:

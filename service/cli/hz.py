@@ -24,7 +24,7 @@ def hz(
     """
     from service.capture.frame_rate import frame_rate, numbers_of
     from service.capture.live import filmed, live
-    from service.config_file import load
+    from service.config.file import load
     from service.errors import ServiceError
 
     seen: list[tuple[int, int, int]] = []

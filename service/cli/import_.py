@@ -10,7 +10,10 @@ _UNSAID = "What the files do not say"
 
 
 def import_frames(
-    frames: Annotated[list[Path], typer.Argument(metavar="FRAME...", help="Files of one camera, in order.")],
+    frames: Annotated[
+        list[Path],
+        typer.Argument(metavar="FRAME...", help="Files of one camera; taken in natural order, 2 before 10."),
+    ],
     output: Annotated[Path, typer.Option("--output", "-o", help="The recording to write (MCAP).")],
     burst: Annotated[
         int | None, typer.Option(min=1, help="Frames per burst; without it all are one burst.")
@@ -18,7 +21,8 @@ def import_frames(
     calibration: Annotated[
         Path | None,
         typer.Option(
-            help="The camera's calibration (TOML), instead of its model's.", rich_help_panel=_UNSAID
+            help="The camera's calibration (TOML), instead of the files' own or its model's.",
+            rich_help_panel=_UNSAID,
         ),
     ] = None,
     integration_time: Annotated[
@@ -49,9 +53,10 @@ def import_frames(
 ) -> None:
     """Make a recording of camera files.
 
-    Reads SR4000 text frames (.dat, .txt), binary SR4000 frames with their timestamp.log (.bdat), and streams
-    of the vendor's software (.srs). Distances become the radial counts that the camera measured, pixels
-    without confidence become rejected ones, and the camera's calibration goes along.
+    Reads SR4000 text frames (.dat, .txt) and binary ones (.bdat, .bin, with their timestamp.log) of various
+    writers, and streams of the vendor's software (.srs). Distances become the radial counts that the camera
+    measured, pixels without confidence become rejected ones. The camera's optics are fitted to the x, y, z of
+    the files where they have them, else its model's; they go along, and it is said what was assumed.
 
     Try:  lidarboost import station/*.dat -o station.mcap
 
@@ -63,7 +68,7 @@ def import_frames(
     from service.cli import DATA_LOST
     from service.cli.counter import counted
     from service.errors import OutputError
-    from service.importing import record_import
+    from service.jobs.importing import record_import
 
     if output.exists() and not force:
         raise OutputError(f"{output} exists already; choose another name, or replace it with --force")

@@ -44,7 +44,12 @@ def _lines(summary: "RecordingSummary") -> Iterator[tuple[str, str]]:
         yield from _frame_lines(summary.frames)
     if summary.problem is not None:
         yield "problem", summary.problem
-    yield "calibration", _calibration(summary.calibration) if summary.calibration else "none"
+    if summary.calibration is not None:
+        yield "calibration", _calibration(summary.calibration)
+    else:
+        yield "calibration", f"none: {summary.calibration_problem}"
+    if summary.truth_problem is not None:
+        yield "truth", f"none: {summary.truth_problem}"
     if summary.truth is not None:
         yield "truth", f"{summary.truth[1]} × {summary.truth[0]} pixels of the first pose, noise-free"
     for topic in summary.topics:
@@ -61,7 +66,8 @@ def _lines(summary: "RecordingSummary") -> Iterator[tuple[str, str]]:
 
 def _frame_lines(frames: "FramesSummary") -> Iterator[tuple[str, str]]:
     rate = "" if frames.rate is None else f", {frames.rate:.2f} Hz"
-    drops = "none dropped" if frames.drops == 0 else f"{frames.drops} dropped by the camera"
+    # The numbers alone do not tell a frame that was lost from one that was exposed while the stage moved.
+    drops = f"{frames.drops} numbers left out (dropped, or not kept)" if frames.drops else "none dropped"
     yield (
         "frames",
         f"{frames.count} of {frames.shape[1]} × {frames.shape[0]} pixels{rate}, "
@@ -81,11 +87,16 @@ def _frame_lines(frames: "FramesSummary") -> Iterator[tuple[str, str]]:
         name = "no burst id" if burst.burst is None else f"burst {burst.burst}"
         yield (
             "burst",
-            f"{name}: {burst.frames} frames, pan {burst.pan[0]:.3f}° to {burst.pan[1]:.3f}°, "
+            f"{name}: {burst.frames} frames{_size(burst.shape, frames.shape)}, "
+            f"pan {burst.pan[0]:.3f}° to {burst.pan[1]:.3f}°, "
             f"tilt {burst.tilt[0]:.3f}° to {burst.tilt[1]:.3f}°",
         )
     if len(frames.bursts) > MOST_BURSTS:
         yield "", f"and {len(frames.bursts) - MOST_BURSTS} more bursts"
+
+
+def _size(shape: tuple[int, int], usual: tuple[int, int]) -> str:
+    return "" if shape == usual else f" of {shape[1]} × {shape[0]} pixels"
 
 
 def _calibration(known: "Calibration") -> str:

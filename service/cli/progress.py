@@ -1,89 +1,86 @@
-"""Shows how far long work has come: a bar on a terminal, plain lines elsewhere."""
+"""Shows how far a run has come: a bar on a terminal, plain lines elsewhere."""
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from drivers.frame import Frame
-from service.capture.played import recording_of
-from service.daemon import Daemon, Watch
-from service.fusion.summary import BurstSummary, describe
+from service.messages.events import (
+    BurstCaptured,
+    DevicesOpened,
+    Event,
+    FrameCaptured,
+    FusionFailed,
+    MapFused,
+    StateChanged,
+)
+from service.messages.summary import describe, summary_of
+from service.sinks.sink import Room, Sink
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
 
-@contextmanager
-def shown_progress(*, quiet: bool) -> Iterator[Watch]:
-    """What a run reports to while in the context; on standard error, which leaves the other to the result."""
-    if quiet:
-        yield Watch()
-    elif sys.stderr.isatty():
-        from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-        )
-        with Progress(*columns, console=Console(stderr=True)) as progress:
-            yield _Bar(progress)
-    else:
-        yield _Lines()
+def progress_sink() -> Callable[[], Sink]:
+    """What shows progress on standard error, which leaves the other to the result."""
+    return ProgressBar if sys.stderr.isatty() else ProgressLines
 
 
-def total_frames(daemon: Daemon) -> int:
-    """How many frames one pass has."""
-    recording = recording_of(daemon.rig.camera)
-    return daemon.configuration.fusion.frames if recording is None else recording.frame_count
+class _Progress(Sink):
+    wants = (DevicesOpened, FrameCaptured, BurstCaptured, MapFused, FusionFailed, StateChanged)
+    droppable = (FrameCaptured, BurstCaptured)
+    room = Room(10_000, 256 << 20)
 
 
-_WARMING = "warming up: on its first run here the fusion compiles its kernels, for about two minutes"
+class ProgressBar(_Progress):
+    """One bar over the frames, one over the maps."""
+
+    def open(self) -> None:
+        from rich.progress import TimeElapsedColumn
+
+        from service.cli.terminal import bar
+
+        self._progress: Progress = bar(TimeElapsedColumn())
+        self._frames = self._progress.add_task("frames", total=None)
+        self._maps = self._progress.add_task("maps", total=None)
+        self._progress.start()
+
+    def take(self, event: Event) -> None:
+        if isinstance(event, DevicesOpened):
+            self._progress.update(self._frames, total=event.frames)
+        elif isinstance(event, FrameCaptured):
+            self._progress.advance(self._frames)
+        elif isinstance(event, BurstCaptured):
+            self._progress.update(self._maps, total=event.number)
+        elif isinstance(event, MapFused):
+            self._progress.advance(self._maps)
+            self._say(describe(summary_of(event)))
+        elif isinstance(event, FusionFailed):
+            self._say(f"number {event.number} could not be fused: {event.reason}")
+        elif isinstance(event, StateChanged) and event.state in ("starting", "recovering"):
+            self._say(f"{event.state}: {event.reason}")
+
+    def close(self) -> None:
+        self._progress.stop()
+
+    def _say(self, line: str) -> None:
+        self._progress.console.print(line)
 
 
-class _Bar(Watch):
-    def __init__(self, progress: "Progress") -> None:
-        self._progress = progress
+class ProgressLines(_Progress):
+    """A line for whatever is worth one."""
 
-    def started(self, daemon: Daemon) -> None:
-        self._frames = self._progress.add_task("frames", total=total_frames(daemon))
-        self._maps = self._progress.add_task("bursts fused", total=None)
-
-    def warming(self) -> None:
-        self._progress.console.print(_WARMING, highlight=False)
-
-    def captured(self, frame: Frame) -> None:  # noqa: ARG002
-        self._progress.advance(self._frames)
-
-    def burst(self, number: int) -> None:
-        self._progress.update(self._maps, total=number)
-
-    def fused(self, burst: BurstSummary) -> None:
-        self._progress.advance(self._maps)
-        self._progress.console.print(describe(burst), highlight=False)
-
-    def failed(self, burst: int, reason: str) -> None:
-        self._progress.console.print(f"burst {burst} could not be fused: {reason}", highlight=False)
-
-
-class _Lines(Watch):
-    def started(self, daemon: Daemon) -> None:
-        self._say(f"{daemon.rig.camera.capabilities.model}: {total_frames(daemon)} frames to come")
-
-    def warming(self) -> None:
-        self._say(_WARMING)
-
-    def burst(self, number: int) -> None:
-        self._say(f"{number} bursts captured")
-
-    def fused(self, burst: BurstSummary) -> None:
-        self._say(describe(burst))
-
-    def failed(self, burst: int, reason: str) -> None:
-        self._say(f"burst {burst} could not be fused: {reason}")
+    def take(self, event: Event) -> None:
+        if isinstance(event, DevicesOpened):
+            many = "frames" if event.frames is None else f"{event.frames} frames"
+            self._say(f"{event.model}: {many} to come")
+        elif isinstance(event, BurstCaptured):
+            self._say(f"{event.number} bursts captured")
+        elif isinstance(event, MapFused):
+            self._say(describe(summary_of(event)))
+        elif isinstance(event, FusionFailed):
+            self._say(f"number {event.number} could not be fused: {event.reason}")
+        elif isinstance(event, StateChanged) and event.state in ("starting", "recovering"):
+            self._say(f"{event.state}: {event.reason}")
 
     def _say(self, line: str) -> None:
         print(line, file=sys.stderr, flush=True)

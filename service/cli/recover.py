@@ -26,8 +26,7 @@ def recover(
     if target.exists() and not force:
         raise OutputError(f"{target} exists already; choose another name, or replace it with --force")
     recording = Recording(file)
-    recover(recording, target)
-    messages = sum(entry.count for entry in recording.topics.values())
+    messages = recover(recording, target)
     print(
         f"{target}: {recording.frame_count} frames, {messages} messages, {target.stat().st_size / 1e6:.2f} MB"
     )

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from service.config import Configuration
-    from service.daemon import Daemon
-    from service.fusion.summary import RunSummary
+    from service.config.sections import Configuration
+    from service.daemon.daemon import Daemon
+    from service.fusion.local import LocalExecutor
+    from service.messages.summary import RunSummary
 
 _IMPATIENCE = 2.0
 """Seconds after which a second signal is meant: `timeout` and some supervisors send each one twice."""
@@ -44,6 +45,14 @@ def run(
         typer.Option(
             "--once",
             help="One pass: the recording to its end, or one burst; nothing is dropped.",
+            rich_help_panel=_RUN,
+        ),
+    ] = False,
+    home: Annotated[
+        bool,
+        typer.Option(
+            "--home",
+            help="Home the stage where its position is unknown: it moves beyond the plan.",
             rich_help_panel=_RUN,
         ),
     ] = False,
@@ -82,29 +91,64 @@ def run(
     was lost: a damaged recording, a burst that could not be fused,
     something not delivered. A daemon told to stop ends with 0.
     """
-    from service.capture.rig import make_rig
-    from service.cli.progress import shown_progress
-    from service.config_file import load
-    from service.daemon import Daemon
-    from service.health.logs import log_to_stream
+    from service.cli.operator import with_consent
+    from service.config.file import load
+    from service.fusion.local import LocalExecutor
 
     _check(replay, speed, loop, once)
-    configuration = load(config)
+    configuration = with_consent(load(config), home)
     if replay is not None:
         configuration = _playing(configuration, replay, speed or (None if once else 1.0), loop)
-    log_to_stream(logging.WARNING if once or as_json else logging.INFO)
-    rig = make_rig(configuration)
-    with shown_progress(quiet=as_json or not once) as watch:
-        daemon = Daemon(configuration, rig, output=output, once=once, watch=watch)
-        with _stopped_by_signals(daemon):
-            summary = daemon.run()
+    with LocalExecutor.configured(configuration) as executor:  # its process starts while the rest is imported
+        served = _served(configuration, executor, output, home=home, once=once, quiet=as_json)
+    if served is None:
+        return
+    summary, told = served
     if as_json:
         print(summary.model_dump_json(indent=2))
     else:
         _tell(summary)
     # A daemon that was told to stop has done its work, whatever it lost on the way.
-    if summary.lost and not (daemon.stop.is_set() and not once):
+    if summary.lost and not (told and not once):
         raise typer.Exit(3)
+
+
+def _served(
+    configuration: "Configuration",
+    executor: "LocalExecutor",
+    output: Path | None,
+    *,
+    home: bool,
+    once: bool,
+    quiet: bool,
+) -> "tuple[RunSummary, bool] | None":
+    """Run the service; what it did and whether it was told to stop, None where it was before it began."""
+    from drivers.errors import MotionStoppedError
+    from service.capture.rig import make_rig
+    from service.cli.operator import TerminalOperator
+    from service.cli.progress import progress_sink
+    from service.daemon.logs import log_to_stream
+    from service.daemon.run import run_service
+
+    log_to_stream(logging.WARNING if once or quiet else logging.INFO)
+    rig = make_rig(configuration, operator=TerminalOperator(home, sees_log=not (once or quiet)))
+    sinks = {"progress": progress_sink()} if once and not quiet else {}
+    with _stopped_by_signals() as signals:
+        try:
+            summary = run_service(
+                configuration,
+                rig,
+                output=output,
+                once=once,
+                sinks=sinks,
+                executor=executor,
+                started=signals.stops,
+            )
+        except MotionStoppedError as error:  # while the stage was opened: there is nothing to sum up
+            if once:
+                raise typer.Abort from error
+            return None
+    return summary, signals.told
 
 
 def _check(replay: Path | None, speed: float | None, loop: bool, once: bool) -> None:
@@ -129,23 +173,42 @@ def _playing(configuration: "Configuration", path: Path, speed: float | None, lo
     )
 
 
-@contextmanager
-def _stopped_by_signals(daemon: "Daemon") -> Iterator[None]:
-    """SIGTERM and Ctrl-C end the run cleanly; another one some seconds later ends it at once."""
-    first: float | None = None
+class _Signals:
+    """SIGTERM, SIGHUP and Ctrl-C end the run cleanly; another one some seconds later ends it at once."""
 
-    def stop(number: int, _frame: FrameType | None) -> None:
-        nonlocal first
-        daemon.stop.set()
+    def __init__(self) -> None:
+        self._daemon: Daemon | None = None
+        self._first: float | None = None
+
+    @property
+    def told(self) -> bool:
+        """Whether one came."""
+        return self._first is not None
+
+    def stops(self, daemon: "Daemon") -> None:
+        """From now on they stop this one; one that came before does so now."""
+        self._daemon = daemon
+        if self.told:
+            daemon.stop.set()
+
+    def __call__(self, number: int, _frame: FrameType | None) -> None:
         now = time.monotonic()
-        first = first or now
-        if now - first > _IMPATIENCE:
+        self._first = self._first or now
+        if self._daemon is not None:
+            self._daemon.stop.set()
+        if now - self._first > _IMPATIENCE:
             signal.signal(number, signal.SIG_DFL)
             signal.raise_signal(number)
 
-    before = {number: signal.signal(number, stop) for number in (signal.SIGTERM, signal.SIGINT)}
+
+@contextmanager
+def _stopped_by_signals() -> Iterator[_Signals]:
+    signals = _Signals()
+    before = {
+        number: signal.signal(number, signals) for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+    }
     try:
-        yield
+        yield signals
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

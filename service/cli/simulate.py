@@ -1,15 +1,13 @@
 """`lidarboost simulate`: records what a simulated camera sees while a simulated stage turns it."""
 
 import json
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 _POSES, _DEVICES = "What is recorded", "How well it is made"
+_CALIBRATING = "To calibrate with"
 
 
 def simulate(
@@ -53,14 +51,55 @@ def simulate(
         ),
     ] = 0,
     noise: Annotated[bool, typer.Option(help="Sensor noise.", rich_help_panel=_DEVICES)] = True,
+    away: Annotated[
+        float | None,
+        typer.Option(
+            min=0.1,
+            max=100,
+            help="Metres to the wall of plane or the middle of board; none = 2 and 1.15.",
+            rich_help_panel=_CALIBRATING,
+        ),
+    ] = None,
+    views: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=200,
+            help="Show the board in so many poses, one frame each, in place of a scan.",
+            rich_help_panel=_CALIBRATING,
+        ),
+    ] = None,
+    board: Annotated[
+        str,
+        typer.Option(help="Inner corners of the board: columns x rows.", rich_help_panel=_CALIBRATING),
+    ] = "9x6",
+    square: Annotated[
+        float,
+        typer.Option(min=1, max=1000, help="Side of a field, mm.", rich_help_panel=_CALIBRATING),
+    ] = 50.0,
+    camera: Annotated[
+        Path | None,
+        typer.Option(
+            help="Calibration file of the camera that is simulated: its true optics, errors, noise, mount.",
+            rich_help_panel=_CALIBRATING,
+        ),
+    ] = None,
+    calibrated: Annotated[
+        bool,
+        typer.Option(
+            "--calibrated/--uncalibrated",
+            help="Whether the recording's calibration is the true one, else nominal, the true one beside it.",
+            rich_help_panel=_CALIBRATING,
+        ),
+    ] = True,
     lever_arm: Annotated[
-        tuple[float, float, float],
+        tuple[float, float, float] | None,
         typer.Option(
             metavar="X Y Z",
             help="Projection centre from the stage's axes, metres: right, down, forward.",
             rich_help_panel=_DEVICES,
         ),
-    ] = (0.0, 0.0, 0.0),
+    ] = None,
     resolution: Annotated[
         float,
         typer.Option(min=0, max=5, help="The stage's smallest step, degrees.", rich_help_panel=_DEVICES),
@@ -85,21 +124,42 @@ def simulate(
     Try:  lidarboost simulate --scene objects -n 15 --span 30 -o objects.mcap
 
     then: lidarboost run --replay objects.mcap --once --output out
+
+    A camera with other optics and errors, to be found by calibrate:
+
+      lidarboost simulate --scene board --views 20 --camera true.toml --uncalibrated -o board.mcap
+
+      lidarboost simulate --scene plane --away 1.5 --span 0 --camera true.toml --uncalibrated -o wall.mcap
     """
     from drivers.settings import CameraSettings
     from drivers.simulation import SCENES
-    from service.config import CameraSection, Configuration, FusionSection, PlanSection, StageSection
+    from service.cli.calibrating import board_of
+    from service.cli.counter import counted
+    from service.config.sections import CameraSection, Configuration, FusionSection, PlanSection, StageSection
     from service.errors import ConfigurationError, OutputError
-    from service.simulation import record_simulation
+    from service.jobs.simulate import record_simulation
 
     if scene not in SCENES:
         raise ConfigurationError(f"--scene: no scene is called {scene!r}; there are: {', '.join(SCENES)}")
+    if views is not None and scene != "board":
+        raise ConfigurationError(f"--views shows a board in other poses; expected --scene board, not {scene}")
+    printed = board_of(board, square, None, 0.0)
+    options: dict[str, object] = {"scene": scene, "seed": seed, "noise": noise}
+    if camera is None or lever_arm is not None:
+        options["lever_arm"] = list(lever_arm or (0.0, 0.0, 0.0))
+    if scene == "board":
+        options |= {"board": [printed.columns, printed.rows], "square": printed.square}
+    options |= {} if away is None else {"away": away}
+    options |= {} if camera is None else {"calibration": str(camera)}
+    options |= {} if calibrated else {"calibrated": False}
+    if views is not None:
+        frames, bursts = 1, views
     if output.exists() and not force:
         raise OutputError(f"{output} exists already; choose another name, or replace it with --force")
     configuration = Configuration(
         camera=CameraSection(
             backend="simulated",
-            options={"scene": scene, "seed": seed, "noise": noise, "lever_arm": list(lever_arm)},
+            options=options,
             settings=CameraSettings(
                 integration_time=integration_time / 1e3, modulation_frequency=frequency * 1e6
             ),
@@ -112,32 +172,9 @@ def simulate(
         plan=PlanSection(span=span),
         fusion=FusionSection(frames=frames),
     )
-    with _progress(frames * bursts) as advance:
-        done = record_simulation(configuration, output, bursts, advance)
+    with counted(frames * bursts, "simulating") as advance:
+        done = record_simulation(configuration, output, bursts, advance, views is not None)
     if as_json:
         print(json.dumps(done.model_dump(mode="json"), indent=2))
     else:
         print(done)
-
-
-@contextmanager
-def _progress(total: int) -> Iterator[Callable[[], None]]:
-    """Shows how many frames are done: a bar on a terminal, a line now and then elsewhere."""
-    if not sys.stderr.isatty():
-        done = 0
-
-        def count() -> None:
-            nonlocal done
-            done += 1
-            if done % max(1, total // 5) == 0 or done == total:
-                print(f"{done} of {total} frames", file=sys.stderr)
-
-        yield count
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = TextColumn("simulating"), BarColumn(), MofNCompleteColumn(), TextColumn("frames")
-    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True)) as bar:
-        task = bar.add_task("", total=total)
-        yield lambda: bar.advance(task)

@@ -1,6 +1,7 @@
 """`lidarboost status`: how a running service is doing."""
 
 from collections.abc import Iterator
+from datetime import datetime
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -8,7 +9,7 @@ import typer
 from service.cli.remote import DEFAULT_ENDPOINT, DEFAULT_PREFIX, Endpoint, Prefix, Timeout
 
 if TYPE_CHECKING:
-    from service.health.status import Status
+    from service.messages.status import Status
 
 
 def status(
@@ -18,32 +19,60 @@ def status(
     as_json: Annotated[bool, typer.Option("--json", help="The status as it was published.")] = False,
 ) -> None:
     """Show how a running service is doing: state, rates, drops by cause, recording, last error."""
-    from service.health.status import Status
+    import json
+
+    from service.messages.decoding import read
+    from service.messages.status import Status
     from service.wire.client import Client
 
     with Client(endpoint, prefix) as client:
-        told = Status.model_validate(client.latest("status", timeout).value)
+        received = client.latest("status", timeout)
     if as_json:
-        print(told.model_dump_json(indent=2))
+        print(json.dumps(received.value, indent=2))
     else:
+        told = read(Status, received)
         print("\n".join(f"{name:<10} {said}" for name, said in _lines(told)))
 
 
 def _lines(told: "Status") -> Iterator[tuple[str, str]]:
     serial = f", serial {told.serial}" if told.serial else ""
-    yield "state", f"{told.state} for {told.uptime:.0f} s (lidarboost {told.version})"
+    paused = ", paused" if told.paused else ""
+    why = f": {told.reason}" if told.reason else ""
+    yield "state", f"{told.state}{paused} for {told.seconds:.0f} s{why}"
+    yield "service", f"lidarboost {told.version}, up {told.uptime:.0f} s"
     yield "source", f"{told.source}: {told.model}{serial}" if told.source else "no camera"
     yield "frames", f"{told.totals.frames}, {told.rates.frames:.1f} per second"
     latency = "" if told.latency is None else f", {told.latency:.2f} s after the last frame"
+    # A stream has none: its maps are of frames.
+    bursts = f" of {told.totals.bursts} bursts" if told.totals.bursts else ""
     yield (
         "maps",
-        f"{told.totals.fused} of {told.totals.bursts} bursts, {told.rates.fused:.2f} per second{latency}, "
-        f"{told.backlog} waiting",
+        f"{told.totals.fused}{bursts}, {told.rates.fused:.2f} per second{latency}, "
+        f"{told.fusion.backlog} waiting",
+    )
+    if told.totals.unconverged or told.fusion.restarts:
+        yield (
+            "",
+            f"{told.totals.unconverged} not converged; the fusion was restarted {told.fusion.restarts} times",
+        )
+    used = told.in_force
+    yield (
+        "in force",
+        f"{used.method}, λ {used.regularization}, β {used.upsampling}, {used.frames} frames over "
+        f"{used.span:g} pixels, integration {used.integration_time * 1000:g} ms",
     )
     drops = [f"{count} {cause}" for cause, count in told.drops.model_dump().items() if count]
     yield "dropped", ", ".join(drops) or "nothing"
     yield "recording", _recording(told)
-    yield "error", told.error or "none"
+    for fault in told.degraded:
+        yield "degraded", f"{fault.what}, for {fault.seconds:.0f} s; {fault.remedy}"
+    refused = [f"{count} {code}" for code, count in told.commands.refused.items()]
+    yield "commands", f"{told.commands.accepted} carried out, refused: {', '.join(refused) or 'none'}"
+    yield "error", "none" if told.error is None else f"{_clock(told.error.timestamp)} {told.error.what}"
+
+
+def _clock(timestamp: int) -> str:
+    return f"{datetime.fromtimestamp(timestamp / 1e9):%Y-%m-%d %H:%M:%S}"
 
 
 def _recording(told: "Status") -> str:
@@ -51,8 +80,5 @@ def _recording(told: "Status") -> str:
     if recorder is None or recorder.file is None:
         return "off"
     free = "" if recorder.free is None else f", {recorder.free / 1e9:.1f} GB free"
-    kept = ", kept" if recorder.kept else ""
-    if recorder.error is not None:
-        return f"stopped: {recorder.error}"
     doing = "on" if recorder.recording else "off, last"
-    return f"{doing}: {recorder.file}, {recorder.size / 1e6:.1f} MB{kept}{free}"
+    return f"{doing}: {recorder.file}, {recorder.size / 1e6:.1f} MB{free}"

@@ -17,8 +17,8 @@ def watch(
     """Print one line for each message of a topic, the latest first, until Ctrl-C."""
     from itertools import islice
 
-    from service.output.saving import as_json as to_json
-    from service.output.saving import summarize
+    from service.jobs.saving import as_json as to_json
+    from service.jobs.saving import summarize
     from service.wire.client import Client
 
     with Client(endpoint, prefix) as client, client.subscribe(topic) as messages:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from service.config import Configuration
+from service.config.sections import Configuration
 from service.doctor.check import Check
 from service.doctor.host import check_clock, check_disk, check_zenoh
+from service.doctor.kernels import check_kernels
 from service.doctor.serial_ports import check_serial
 from service.doctor.usb import check_udev, check_usb, check_vendor_library, udev_rules
 
@@ -18,11 +19,12 @@ CHECKS: tuple[Callable[[Configuration], Iterator[Check]], ...] = (
     check_vendor_library,
     check_serial,
     check_zenoh,
+    check_kernels,
     check_disk,
     check_clock,
 )
 
 
 def examine(configuration: Configuration) -> list[Check]:
-    """Look at everything; nothing is opened, sent or changed."""
+    """Look at everything; no device is opened, nothing sent or changed."""
     return [check for part in CHECKS for check in part(configuration)]

@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from service.config import Configuration
+from service.config.sections import Configuration
 from service.doctor.check import Check
 
 LOW_DISK = 1e9

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from service.config import Configuration
+from service.config.sections import Configuration
 from service.doctor.check import Check
 from service.doctor.processes import is_running, user_of
 

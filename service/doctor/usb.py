@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from service.config import Configuration
+from service.config.sections import Configuration
 from service.doctor.check import Check
 from service.doctor.processes import read
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from zipfile import BadZipFile
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,25 +48,17 @@ def load_truth(path: Path | None) -> Truth:
 
 
 def _npy(path: Path) -> Truth:
-    try:
-        image = np.asarray(np.load(path, allow_pickle=False), np.float64)
-    except (ValueError, EOFError, OSError) as error:
-        raise TruthError(f"{path} is not a NumPy array of numbers: {error}") from error
-    return Truth(path.name, DepthMap(image))
+    return Truth(path.name, DepthMap(_loaded(path, "array")))
 
 
 def _npz(path: Path) -> Truth:
-    try:
-        with np.load(path, allow_pickle=False) as arrays:
-            name = next((key for key in KEYS if key in arrays), None)
-            if name is None:
-                raise TruthError(
-                    f"{path} holds {', '.join(arrays) or 'nothing'}; expected one of {', '.join(KEYS)}"
-                )
-            plain = np.asarray(arrays[name], np.float64)
-            fine = np.asarray(arrays["fine"], np.float64) if "fine" in arrays else plain
-    except (ValueError, EOFError, OSError, BadZipFile) as error:
-        raise TruthError(f"{path} is not a NumPy archive of numbers: {error}") from error
+    arrays = _loaded(path, "archive")
+    name = next((key for key in KEYS if key in arrays), None)
+    if name is None:
+        raise TruthError(f"{path} holds {', '.join(arrays) or 'nothing'}; expected one of {', '.join(KEYS)}")
+    plain, fine = arrays[name], arrays.get("fine", arrays[name])
+    if plain.ndim != 2 or not plain.size:
+        raise TruthError(f"{path}: {name} has shape {plain.shape}; expected (rows, columns)")
     factor, rest = divmod(fine.shape[0], plain.shape[0])
     if rest or fine.shape != tuple(factor * size for size in plain.shape):
         raise TruthError(
@@ -97,3 +89,18 @@ def _mcap(path: Path) -> Truth:
         raise TruthError(f"{path} carries no truth; simulated recordings do")
     frame = next(iter(recording.frames()), None)
     return Truth(path.name, DepthMap(truth), None if frame is None else frame.signal)
+
+
+def _loaded(path: Path, kind: Literal["array", "archive"]) -> Any:
+    """The file's array, or those of its arrays that can be a map, by name; float64."""
+    try:
+        with path.open("rb") as file:
+            found = np.load(file, allow_pickle=False)
+            if (kind == "array") != isinstance(found, np.ndarray):
+                raise ValueError("it is of the other kind")
+            if kind == "array":
+                return np.asarray(found, np.float64)
+            wanted = {*KEYS, "fine"}
+            return {name: np.asarray(found[name], np.float64) if name in wanted else None for name in found}
+    except Exception as error:  # a damaged file fails in NumPy, zipfile, zlib or for want of memory
+        raise TruthError(f"{path} is not a NumPy {kind} of numbers: {error}") from error

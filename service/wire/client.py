@@ -1,11 +1,9 @@
 """Talking to a running service: its latest values, and its messages as they come."""
 
-import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import replace
-from threading import Event, Thread
+from threading import Lock
 from types import TracebackType
 from typing import Any, Self
 
@@ -15,91 +13,20 @@ import zenoh.ext
 
 from drivers.messages import CAMERA_CALIBRATION
 from service.errors import RemoteError
-from service.topics import FUSED_CALIBRATION, TOPICS, Congestion, Topic
+from service.messages.decoding import Received, decode
+from service.messages.topics import FUSED_CALIBRATION, TOPICS, Congestion, Topic
 from service.wire.addresses import DEFAULT_ENDPOINT, DEFAULT_PREFIX
-from service.wire.decoding import Received, decode
+from service.wire.asking import Answer, Asking
 from service.wire.session import open_session
+from service.wire.subscription import CALIBRATION_WAIT, LatestCalibration, Subscription
+from service.wire.verbs import Scan, Section, Stage, Stream
 
 _IMAGES = 2
 """Images that wait for a slow reader: the one it takes next, and the newest."""
 _MESSAGES = 256
 """Small messages that wait: minutes of status, or a storm in the log."""
 
-_POLL = 0.005
-"""Seconds between two looks for a message: a tenth of the time between frames at most."""
 _RETRY = 0.05
-
-_log = logging.getLogger(__name__)
-
-
-class Subscription:
-    """Messages of one topic, the oldest that is kept first; iterate, or `receive` with a time limit."""
-
-    def __init__(
-        self, topic: str, subscriber: Any, decode_sample: Callable[[zenoh.Sample], Received]
-    ) -> None:
-        self._topic, self._subscriber, self._decode = topic, subscriber, decode_sample
-        self._closed = Event()
-        self._thread: Thread | None = None
-
-    def receive(self, timeout: float = 5.0) -> Received:
-        """The next message.
-
-        Raises:
-            RemoteError: none within `timeout` seconds, the subscription is closed, or it cannot be read.
-        """
-        sample = self._next(timeout)
-        if sample is None:
-            why = (
-                "the subscription is closed"
-                if self._closed.is_set()
-                else f"nothing came within {timeout:g} s"
-            )
-            raise RemoteError(f"{self._topic}: {why}; does the service run, and is it scanning?")
-        return self._decode(sample)
-
-    def close(self) -> None:
-        """End it; whoever iterates comes to an end too."""
-        if not self._closed.is_set():
-            self._closed.set()
-            if self._thread is not None:
-                self._thread.join()
-            self._subscriber.undeclare()
-
-    def __iter__(self) -> Iterator[Received]:
-        while (sample := self._next(None)) is not None:
-            yield self._decode(sample)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def call(self, handler: Callable[[Received], None]) -> None:
-        """Have each message handed to `handler`, in a thread of its own."""
-        self._thread = Thread(target=self._serve, args=(handler,), name=f"client {self._topic}", daemon=True)
-        self._thread.start()
-
-    def _serve(self, handler: Callable[[Received], None]) -> None:
-        while (sample := self._next(None)) is not None:
-            try:
-                handler(self._decode(sample))
-            except Exception:  # the next message may do better
-                _log.exception("the handler of %s failed", self._topic)
-
-    def _next(self, timeout: float | None) -> zenoh.Sample | None:
-        deadline = None if timeout is None else time.monotonic() + timeout
-        while not self._closed.is_set():
-            sample: zenoh.Sample | None = self._subscriber.try_recv()
-            if sample is not None:
-                return sample
-            if deadline is not None and time.monotonic() > deadline:
-                return None
-            time.sleep(_POLL)
-        return None
 
 
 class Client:
@@ -110,11 +37,16 @@ class Client:
         depth = rig.latest("fused/depth")  # depth.value (H, W) metres, depth.intrinsics (3, 3)
         for report in rig.subscribe("fused/report"):
             print(report.value["deviation"])
+        rig.fusion.set(method="phasor")
+        answer = rig.scan.once(map=True)  # answer["report"], answer.messages["fused/depth"]
     ```
 
     Args:
         endpoint: where the service, or a router, listens.
         prefix: of the service's keys.
+
+    Attributes:
+        scan, stream, stage, settings, plan, fusion: its commands; they raise a `CommandError`.
 
     Raises:
         SessionError: the endpoint is not one.
@@ -124,6 +56,27 @@ class Client:
         self._endpoint, self._prefix = endpoint, prefix
         self._resources = ExitStack()
         self._session = self._resources.enter_context(open_session(listen=(), connect=(endpoint,)))
+        self._calibrations: dict[str, LatestCalibration] = {}
+        self._watching = Lock()
+        self._asking = Asking(self._session, prefix, endpoint)
+        self.scan, self.stream, self.stage = Scan(self.command), Stream(self.command), Stage(self.command)
+        self.settings = Section(self.command, "cmd/settings")
+        self.plan, self.fusion = Section(self.command, "cmd/plan"), Section(self.command, "cmd/fusion")
+
+    def command(self, name: str, action: str, timeout: float = 60.0, **arguments: Any) -> Answer:
+        """Have any command carried out, and wait until it is.
+
+        Args:
+            name: such as `cmd/scan`.
+            action: its verb.
+            timeout: seconds.
+            arguments: of the verb.
+
+        Raises:
+            CommandError: it was refused, and nothing changed; of a class of its own for each code.
+            RemoteError: no service, or no answer in time.
+        """
+        return self._asking.ask(name, timeout, {"action": action, **arguments})
 
     def close(self) -> None:
         """Close the connection and all subscriptions."""
@@ -157,15 +110,8 @@ class Client:
             RemoteError: unknown topic.
         """
         row = _published(topic)
-        is_image = row.congestion is Congestion.DROP
-        subscriber = zenoh.ext.declare_advanced_subscriber(
-            self._session,
-            f"{self._prefix}/{topic}",
-            zenoh.handlers.RingChannel(_IMAGES if is_image else _MESSAGES),
-            history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
-            recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
-        )
-        subscription = Subscription(topic, subscriber, self._decode)
+        keep = _IMAGES if row.congestion is Congestion.DROP else _MESSAGES
+        subscription = Subscription(topic, keep, self._decode, lambda arrived: self._declare(topic, arrived))
         self._resources.callback(subscription.close)
         if handler is not None:
             subscription.call(handler)
@@ -178,6 +124,15 @@ class Client:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    def _declare(self, topic: str, arrived: Callable[[zenoh.Sample], None]) -> Any:
+        return zenoh.ext.declare_advanced_subscriber(
+            self._session,
+            f"{self._prefix}/{topic}",
+            arrived,
+            history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
+            recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+        )
 
     def _ask(self, topic: str, timeout: float) -> zenoh.Sample | None:
         deadline = time.monotonic() + timeout
@@ -193,14 +148,21 @@ class Client:
         received = decode(topic, str(sample.encoding), sample.payload.to_bytes())
         if not isinstance(received.value, np.ndarray) or received.value.ndim != 2:
             return received
-        # The publisher sends the calibration before the image, so an answer is there at once.
         source = CAMERA_CALIBRATION if topic.startswith("camera/") else FUSED_CALIBRATION
-        told = self._ask(source, timeout=1.0)
-        if told is None:
-            return received
-        calibration = decode(source, str(told.encoding), told.payload.to_bytes()).value
-        K = np.array(calibration.K).reshape(3, 3)
-        return replace(received, intrinsics=K, distortion=np.array(calibration.D))
+        return self._calibration(source).given_to(received)
+
+    def _calibration(self, topic: str) -> "LatestCalibration":
+        """The latest calibration of a topic, followed from the first image on."""
+        with self._watching:
+            if topic not in self._calibrations:
+                latest = LatestCalibration()
+                subscriber = self._declare(topic, latest.arrived)
+                self._resources.callback(subscriber.undeclare)
+                told = self._ask(topic, CALIBRATION_WAIT)
+                if told is not None:
+                    latest.arrived(told)
+                self._calibrations[topic] = latest
+            return self._calibrations[topic]
 
     def _explain(self, topic: str, timeout: float) -> str:
         if self._session.info.links():

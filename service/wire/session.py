@@ -13,6 +13,7 @@ import zenoh
 from service.errors import SessionError
 from service.wire.addresses import DEFAULT_ENDPOINT
 from service.wire.sockets import holder
+from service.wire.zenoh_file import ZenohFile, brief
 
 _SETTINGS = {
     "scouting/multicast/enabled": "false",
@@ -45,7 +46,7 @@ def open_session(
     Args:
         listen: endpoints such as `tcp/127.0.0.1:7447`; port 0 takes any.
         connect: endpoints to connect to; they may come up later.
-        file: Zenoh's own JSON5 file; what it sets goes before everything here.
+        file: Zenoh's own JSON5 file; what it sets, defaults included, goes before everything here.
         mode: a `client` fails at once where nobody listens on `connect`; a `peer` keeps trying.
 
     Raises:
@@ -62,17 +63,13 @@ def open_session(
         try:
             session.close()  # type: ignore[no-untyped-call]
         except zenoh.ZError as error:  # a subscriber that stopped reading can outlast Zenoh's own time limit
-            _log.warning("the Zenoh session did not close in time: %s", _brief(str(error)))
+            _log.warning("the Zenoh session did not close in time: %s", brief(str(error)))
 
 
 def _configuration(
     listen: Sequence[str], connect: Sequence[str], file: Path | None, mode: str
 ) -> zenoh.Config:
-    untouched = zenoh.Config()
-    try:
-        config = zenoh.Config.from_file(file) if file is not None else zenoh.Config()
-    except zenoh.ZError as error:
-        raise SessionError(f"{file}: not a Zenoh configuration (JSON5): {_brief(str(error))}") from error
+    told = ZenohFile(file)
     settings = _SETTINGS | {
         "mode": json.dumps(mode),
         "listen/endpoints": json.dumps(list(listen)),
@@ -80,15 +77,15 @@ def _configuration(
     }
     try:
         for key, value in settings.items():
-            if config.get_json(key) == untouched.get_json(key):
-                config.insert_json5(key, value)
+            if not told.says(key):
+                told.config.insert_json5(key, value)
     except zenoh.ZError as error:
         endpoints = ", ".join([*listen, *connect])
         raise SessionError(
-            f"Zenoh refuses an endpoint of {endpoints}: {_brief(str(error))}; expected for example "
+            f"Zenoh refuses an endpoint of {endpoints}: {brief(str(error))}; expected for example "
             f"{DEFAULT_ENDPOINT}"
         ) from error
-    return config
+    return told.config
 
 
 def _explain(error: str, config: zenoh.Config) -> str:
@@ -102,10 +99,5 @@ def _explain(error: str, config: zenoh.Config) -> str:
         )
     return (
         f"cannot open the Zenoh session (listen {config.get_json('listen/endpoints')}, connect "
-        f"{config.get_json('connect/endpoints')}): {_brief(error)}"
+        f"{config.get_json('connect/endpoints')}): {brief(error)}"
     )
-
-
-def _brief(error: str) -> str:
-    """Zenoh's message without the source lines of its own code, on one line."""
-    return " ".join(re.sub(r" at /\S+\.rs:\d+\.?", "", error).split())

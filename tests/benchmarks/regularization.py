@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from drivers.poses import relative_rotations
 from drivers.recording import open_recording
-from service.config import FusionSection
-from service.fusion.fusion import stack
-from service.offline import recorded_bursts
+from service.config.sections import FusionSection
+from service.fusion.fuse import stack
+from service.jobs.fuse import recorded_bursts
 from solver import Footprint, FusionOptions, FusionWarning, fuse
 from solver.evaluation import MATCHED, DepthMap, errors, make_trial, procedural_object
 from solver.noise import estimate

@@ -20,7 +20,7 @@ import numpy as np
 from drivers.poses import relative_rotations
 from drivers.recording import open_recording
 from service.cli.simulate import simulate
-from service.fusion.fusion import stack
+from service.fusion.fuse import stack
 from solver import Fused, FusionOptions, SlidingFusion, fuse
 from solver.options import Method
 

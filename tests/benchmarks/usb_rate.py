@@ -22,8 +22,8 @@ from usb_standin import StandIn, scene  # noqa: E402
 from drivers.calibration import Mount  # noqa: E402
 from drivers.messages import frame_messages  # noqa: E402
 from drivers.usb import UsbCamera, discovery  # noqa: E402
-from service.output.recorder import Recorder  # noqa: E402
-from service.output.shelf import SingleFile  # noqa: E402
+from service.sinks.recorder import Recorder  # noqa: E402
+from service.sinks.recording_directory import SingleFile  # noqa: E402
 
 RATE = 50.0
 PERIOD = 0.012

@@ -1,6 +1,9 @@
 /* A stand-in for libMesaSR with the interface of its header; compiled by the tests.
+   It has its own time, which passes by exposures and by stub_pass. Each request is exposed after the one before
+   and answered in that order: a frame that nobody read is the answer to the next request.
    Macros: PACKED = image list entries of 20 bytes instead of 24; OLD = without functions of later builds;
-   VERSION = third number of the version; PRODUCT = USB product id; SR3K = frequency numbers it accepts. */
+   VERSION = third number of the version; PRODUCT = USB product id; Y2008 = functions and names of 2008;
+   Y2007 = without SR_SetMode. */
 #include <math.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -16,6 +19,8 @@
 #define ROWS 144
 #define COLS 176
 #define PIXELS (ROWS * COLS)
+#define QUEUE 64
+#define LATE 700000000
 
 #ifdef PACKED
 #pragma pack(push, 4)
@@ -27,8 +32,10 @@ typedef struct { int32_t type, data_type; void *data; uint16_t width, height; } 
 
 typedef struct {
     uint32_t magic;
-    int mode, frequency, integration, acquired, auto_min;
-    uint16_t threshold;
+    int mode, frequency, integration, in_force, acquired, auto_min, dual;
+    uint16_t threshold, saturation;
+    int waiting, number[QUEUE], exposed_for[QUEUE];
+    int64_t began[QUEUE], ready[QUEUE], busy_until;
     uint16_t *images[3];
     Entry entries[3];
 } Camera;
@@ -36,12 +43,26 @@ typedef struct {
 typedef int (*Callback)(void *, uint32_t, uint32_t, void *);
 static Callback callback;
 static Camera *opened;
-static int plugged = 1, refuse_frequency, fail_acquires, wrong_handles, open_count;
+static int plugged = 1, refuse_frequency, fail_acquires, leave_acquires, wrong_handles, open_count, timeout = 1000;
+static int firmware = 0x97;
+static int64_t now, last_began;
+static int asked, faults[64]; /* what happens to the n-th request (from 1): see stub_fault */
 
 /* levers for the tests */
 void stub_plug(int value) { plugged = value; }
 void stub_refuse_frequency(int value) { refuse_frequency = value; }
 void stub_fail_acquires(int value) { fail_acquires = value; }
+void stub_leave_acquires(int value) { leave_acquires = value; } /* fail, and leave the frame in the queue */
+/* 1: fails, its frame is lost; 2: fails, its frame stays in the queue; 3: its frame is LATE ns late */
+void stub_fault(int number, int kind) { faults[number] = kind; }
+void stub_clear_faults(void) { memset(faults, 0, sizeof faults); asked = 0; }
+void stub_firmware(int value) { firmware = value; }
+void stub_pass(int64_t nanoseconds) { now += nanoseconds; }
+int64_t stub_now(void) { return now; }
+int64_t stub_last_began(void) { return last_began; } /* the exposure of the frame given last */
+int stub_timeout(void) { return timeout; }
+int stub_dual(void) { return opened->dual; }
+int stub_saturation(void) { return opened->saturation; }
 int stub_wrong_handles(void) { return wrong_handles; }
 int stub_open_count(void) { return open_count; }
 int stub_mode(void) { return opened->mode; }
@@ -77,11 +98,9 @@ int SR_OpenUSB(void **handle, uint32_t serial) {
     }
     opened = calloc(1, sizeof(Camera));
     opened->magic = 0x5A5A1234;
+    opened->auto_min = 255;
     opened->frequency = PRODUCT == 0x0075 ? 1 : 3;
-#ifdef LIBUSBSR
-    opened->frequency = 2;
-#endif
-    opened->integration = 97;
+    opened->integration = opened->in_force = 97;
     opened->mode = 0x811;
     place_images(opened);
     *handle = opened;
@@ -97,6 +116,7 @@ int SR_Close(void *handle) {
     return plugged ? 0 : -2;
 }
 
+#ifndef Y2007
 int SR_SetMode(void *handle, int mode) {
     Camera *camera = known(handle);
     if (!camera || mode & 0x2000) return -1;
@@ -104,18 +124,50 @@ int SR_SetMode(void *handle, int mode) {
     place_images(camera);
     return 0;
 }
+#endif
 int SR_GetMode(void *handle) { Camera *c = known(handle); return c ? c->mode : -1; }
+
+/* A request: its exposure begins when the one before has ended. Settings hold from the next request on. */
+static void expose(Camera *camera) {
+    int k = camera->waiting++;
+    int64_t step = PRODUCT == 0x0075 ? 300000 + 100000 * camera->in_force : 200000 * (camera->in_force + 1);
+    camera->number[k] = ++camera->acquired;
+    camera->exposed_for[k] = camera->in_force;
+    camera->began[k] = camera->busy_until > now ? camera->busy_until : now;
+    camera->ready[k] = camera->busy_until = camera->began[k] + 4 * step;
+    camera->in_force = camera->integration;
+}
 
 int SR_Acquire(void *handle) {
     Camera *camera = known(handle);
     if (!camera || !plugged) { stub_say("bulk read failed", 3); return -1; }
+    int fault = ++asked < 64 ? faults[asked] : 0;
+    if (fault == 1) { stub_say("bulk read failed", 3); return -1; }
     if (fail_acquires) { fail_acquires--; stub_say("did not get requested bytes", 2); return fail_acquires % 2 ? 0 : -7; }
-    camera->acquired++;
-    for (int i = 0; i < PIXELS; i++) {
-        camera->images[0][i] = 4 * (i % 4096) + camera->acquired * 4096;
-        camera->images[1][i] = camera->mode & 0x10 ? 500 : 1000 + camera->integration;
-        camera->images[2][i] = 0xFFFF;
+    expose(camera);
+    if (fault == 2) return -7;
+    if (fault == 3) camera->ready[camera->waiting - 1] += LATE;
+    if (leave_acquires) { leave_acquires--; stub_say("did not get requested bytes", 2); return -7; }
+    if (camera->ready[0] > now + timeout * (int64_t)1000000) {
+        now += timeout * (int64_t)1000000;
+        stub_say("did not get requested bytes", 2);
+        return -7;
     }
+    if (camera->ready[0] > now) now = camera->ready[0];
+    last_began = camera->began[0];
+    for (int i = 0; i < PIXELS; i++) {
+        camera->images[0][i] = 4 * (i % 4096) + camera->number[0] * 4096;
+        camera->images[1][i] = camera->mode & 0x10 ? 500 : 1000 + camera->exposed_for[0];
+        camera->images[2][i] = camera->mode & 0x100 && i != 1234 ? 0xFFFF : 0;
+    }
+    camera->waiting--;
+    for (int k = 0; k < camera->waiting; k++) {
+        camera->number[k] = camera->number[k + 1];
+        camera->exposed_for[k] = camera->exposed_for[k + 1];
+        camera->began[k] = camera->began[k + 1];
+        camera->ready[k] = camera->ready[k + 1];
+    }
+    if (camera->auto_min != 255) camera->integration = camera->in_force = camera->integration + 1;
     return PIXELS * 4;
 }
 
@@ -129,6 +181,9 @@ int SR_GetImageList(void *handle, Entry **list) {
     *list = camera->entries;
     return 3;
 }
+#ifdef Y2008
+#define SR_SetAutoExposure SR_SetAutoIllumination
+#endif
 int SR_SetAutoExposure(void *handle, uint8_t min, uint8_t max, uint8_t percent, uint8_t position) {
     Camera *camera = known(handle);
     (void)max; (void)percent; (void)position;
@@ -136,6 +191,21 @@ int SR_SetAutoExposure(void *handle, uint8_t min, uint8_t max, uint8_t percent, 
     camera->auto_min = min;
     return 0;
 }
+#ifndef Y2008
+int SR_SetDualIntegrationTime(void *handle, int ratio) {
+    Camera *camera = known(handle);
+    if (!camera || firmware < 0x73) return -1;
+    camera->dual = ratio;
+    return 2;
+}
+int SR_SetSaturationThreshold(void *handle, uint16_t value) {
+    Camera *camera = known(handle);
+    if (!camera) return -1;
+    camera->saturation = value;
+    return 4;
+}
+uint8_t SR_GetReg(void *handle, uint8_t number) { return known(handle) && number == 46 ? firmware : 0; }
+#endif
 #endif
 
 int SR_SetIntegrationTime(void *handle, uint8_t value) {
@@ -158,7 +228,7 @@ int SR_SetModulationFrequency(void *handle, int value) {
     return 0;
 }
 int SR_GetModulationFrequency(void *handle) { Camera *c = known(handle); return c ? c->frequency : -1; }
-void SR_SetTimeout(void *handle, int ms) { (void)ms; known(handle); }
+void SR_SetTimeout(void *handle, int ms) { if (known(handle)) timeout = ms; }
 uint32_t SR_ReadSerial(void *handle) { return known(handle) ? 0x4000002F : 0xFFFFFFFF; }
 int SR_GetDeviceString(void *handle, char *text, int length) {
     if (!known(handle)) return -1;

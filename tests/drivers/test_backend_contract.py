@@ -308,6 +308,9 @@ def test_a_closed_stage_says_so(stage):
     for action in (
         stage.home,
         stage.wait,
+        stage.stop,
+        lambda: stage.speed,
+        lambda: stage.homing,
         lambda: stage.move_to(0.0, 0.0),
         lambda: stage.position,
         lambda: stage.limits,
@@ -324,7 +327,9 @@ def test_a_stage_knows_its_limits_and_steps(stage):
         for low, high in (limits.pan, limits.tilt):
             assert -inf < low <= 0.0 <= high < inf
         assert 0.0 <= stage.resolution < radians(5)
-        assert isinstance(stage.position, Position)
+        assert stage.needs_home == (stage.uncertainty is not None)
+        if not stage.needs_home:
+            assert isinstance(stage.position, Position)
 
 
 def test_a_stage_goes_where_it_is_sent_and_home(stage):

@@ -1,8 +1,10 @@
+import re
 from math import radians
 
 import pytest
 from emulators.grbl_emulator import GrblEmulator
-from emulators.scripted_port import UNPLUGGED, Exchange, ScriptedPort
+from emulators.virtual_line import Fault
+from emulators.watched_line import WatchedLine
 
 from drivers.backends import make_stage
 from drivers.clock import VirtualClock
@@ -11,312 +13,430 @@ from drivers.errors import (
     DeviceTimeoutError,
     InitialisationError,
     LimitError,
+    MotionStoppedError,
     OperationError,
     StateError,
 )
-from drivers.stages.grbl_messages import parse_status
+from drivers.stages.grbl_messages import ANSWER, parse_status
 
 STEP = radians(1 / 160)
-BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
-SETTINGS = b"$20=0\r\n$22=0\r\n$23=0\r\n$100=160.000\r\n$101=160.000\r\n$130=180.000\r\n$131=90.000\r\nok\r\n"
-MODES = (b"G21 G90 G94\n", b"ok\r\n")
 
 
-def idle(x: float, y: float = 0.0) -> bytes:
-    return f"<Idle|MPos:{x:.3f},{y:.3f},0.000|FS:0,0|WCO:0.000,0.000,0.000>\r\n".encode()
+class Rig:
+    """A controller in virtual time, and a stage on it."""
 
-
-GREETING: list[Exchange] = [(b"$$\n", SETTINGS), (b"?", idle(0)), MODES]
-HOMED_GREETING: list[Exchange] = [
-    (b"$$\n", SETTINGS.replace(b"$22=0", b"$22=1")),
-    (b"$I\n", b"[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n"),
-]
-MOVE: Exchange = (b"G53 G0 X30.0000\n", b"ok\r\n")
-RUN: Exchange = (b"?", b"<Run|MPos:10.000,0.000,0.000|FS:3600,0>\r\n")
-THERE: Exchange = (b"?", idle(30))
-
-
-class Script:
     def __init__(self, monkeypatch):
-        self._monkeypatch = monkeypatch
         self.clock = VirtualClock()
+        self._monkeypatch = monkeypatch
+        self.fit()
 
-    def stage(self, *exchanges: Exchange, greeting=GREETING, banner=(1.5, BANNER), **options):
-        self.port = ScriptedPort(self.clock, [*greeting, *exchanges], banner)
-        self._monkeypatch.setattr("serial.serial_for_url", self.port.open)
-        stage = make_stage("grbl", {"port": "scripted", **options}, self.clock)
+    def fit(self, homing=False):
+        self.grbl = GrblEmulator(homing=homing)
+        self.line = WatchedLine(self.grbl, self.clock)
+        self._monkeypatch.setattr("serial.serial_for_url", self.line.open)
+
+    def stage(self, **options):
+        stage = make_stage("grbl", {"port": "virtual", "tilt_axis": "Y", **options}, self.clock)
         stage.open()
         return stage
 
+    def homed(self, **options):
+        stage = self.stage(**options)
+        stage.home()
+        return stage
+
+    def sent_since(self, at):
+        return [data for when, data in self.line.writes if when >= at]
+
 
 @pytest.fixture
-def script(monkeypatch):
-    return Script(monkeypatch)
+def rig(monkeypatch):
+    return Rig(monkeypatch)
 
 
-def test_waits_for_the_banner_and_takes_the_limits_from_the_travel(script):
-    limits = script.stage(
-        banner=[1.0, b"\x00\xf8garbage\r\n", 1.0, b"\r\nGrbl 1.1", 0.2, b"f ['$']\r\n"]
-    ).limits
-    assert limits.pan == pytest.approx((radians(-90), radians(90)))
-    assert limits.tilt == (0.0, 0.0)
-    script.port.finish()
+def angles(stage):
+    return stage.position.pan, stage.position.tilt
 
 
-def test_resets_a_board_that_opening_does_not_reset(script):
-    script.stage(banner=(), greeting=[(b"\x18", [0.1, BANNER]), *GREETING])
-    assert script.clock.now() > 3e9
-    script.port.finish()
+def degrees_of(pan, tilt):
+    return pytest.approx((radians(pan), radians(tilt)), abs=STEP / 2)
 
 
-def test_silent_port_is_refused_with_advice(script):
+@pytest.mark.parametrize("homing", [False, True])
+def test_opening_asks_and_moves_nothing(rig, homing):
+    rig.fit(homing)
+    stage = rig.stage()
+    assert set(rig.grbl.commands) <= {"$$", "$I", "$N", "$G", "$"}
+    assert not any(set(data) & set(b"\x18!~\x85") for _, data in rig.line.writes)
+    assert stage.needs_home
+    assert stage.uncertainty == "Grbl may have been moved or reset before its port was opened"
+    assert stage.limits.pan == pytest.approx((radians(-90), radians(90)))
+    assert stage.limits.tilt == pytest.approx((radians(-45), radians(45)))
+    for action in (lambda: stage.move_to(0.0, 0.0), stage.wait, lambda: stage.position):
+        with pytest.raises(StateError, match="home it first"):
+            action()
+    assert not rig.grbl.moves
+
+
+def test_a_board_that_opening_does_not_reset_is_left_as_it_is(rig):
+    rig.grbl.resets_on_opening = False
+    rig.stage()
+    assert not any(b"\x18" in data for _, data in rig.line.writes)
+
+
+def test_a_board_in_the_middle_of_something_is_refused(rig):
+    rig.grbl.resets_on_opening = False
+    rig.grbl.run_program(X=80.0)
+    with pytest.raises(InitialisationError, match=r"state Run, in the middle of something"):
+        rig.stage()
+
+
+def test_a_board_that_an_alarm_has_silenced_is_reset(rig):
+    rig.grbl.resets_on_opening = False
+    rig.grbl.hit_limit()
+    assert rig.stage().needs_home
+
+
+def test_silent_port_is_refused_with_advice(rig):
+    rig.grbl.mute = True
     with pytest.raises(InitialisationError, match=r"no Grbl controller answers.*115200"):
-        script.stage(banner=(), greeting=[(b"\x18", b"")])
-    assert not script.port.is_open
+        rig.stage()
 
 
-def test_other_version_is_refused(script):
-    with pytest.raises(InitialisationError, match=r"this is Grbl 0\.9; version 1\.1 is needed"):
-        script.stage(banner=(b"Grbl 0.9j ['$' for help]\r\n",), greeting=[])
+def test_other_version_is_refused(rig):
+    rig.grbl.build_info = b"[0.9j.20160316:]\r\n"
+    with pytest.raises(InitialisationError, match=r"no Grbl 1\.1 .*0\.9j"):
+        rig.stage()
 
 
-def test_resolution_is_that_of_the_coarser_axis(script):
-    coarse = (b"$$\n", SETTINGS.replace(b"$101=160", b"$101=10"))
-    stage = script.stage(greeting=[coarse, *GREETING[1:]], tilt_axis="Y")
-    assert stage.resolution == pytest.approx(radians(0.1))
+@pytest.mark.parametrize(
+    ("number", "value", "said"),
+    [
+        (13, "1", r"reports inches \(\$13=1\); set \$13=0"),
+        (10, "2", r"work positions \(\$10=2\); set \$10=1"),
+        (1, "25", r"motors let go between movements \(\$1=25\); set \$1=255"),
+        (100, "0", r"axis X has no steps per degree \(\$100=0\)"),
+        (111, "0", r"axis Y has no degrees per minute \(\$111=0\)"),
+        (121, "50", r"axis Y accelerates by 50°/s², .*\(\$121=50\); set \$121=20"),
+        (130, "0", r"axis X has no travel \(\$130=0\)"),
+    ],
+)
+def test_settings_that_would_make_it_wrong_are_refused_with_the_remedy(rig, number, value, said):
+    rig.grbl.settings[number] = value
+    with pytest.raises(InitialisationError, match=said):
+        rig.stage()
 
 
-def test_moves_and_waits_for_two_idle_reports_at_the_target(script):
-    early_idle = (b"?", idle(0))
-    stage = script.stage(MOVE, early_idle, RUN, THERE, THERE, THERE)
-    stage.move_to(radians(30), 0.0)
-    before = script.clock.now()
-    stage.wait()
-    assert script.clock.now() - before == pytest.approx(0.6e9), "polled five times a second"
-    assert stage.position.pan == pytest.approx(radians(30))
-    script.port.finish()
+def test_homing_faster_than_allowed_is_refused(rig):
+    rig.fit(homing=True)
+    rig.grbl.settings[25] = "2400"
+    with pytest.raises(InitialisationError, match=r"homes at 40°/s.*set \$25=600"):
+        rig.stage()
 
 
-def test_two_axes_with_their_signs_and_zeros(script):
-    stage = script.stage(
-        (b"G53 G0 X-20.0000 Y15.0000\n", b"ok\r\n"),
-        (b"?", idle(-20, 15)),
-        (b"?", idle(-20, 15)),
-        (b"?", idle(-20, 15)),
-        tilt_axis="Y",
-        pan_sign=-1,
-        pan_zero=10.0,
-        tilt_zero=5.0,
-        pan_limits=(-45, 45),
-    )
-    assert stage.limits.pan == (radians(-45), radians(45))
-    assert stage.limits.tilt == pytest.approx((radians(-50), radians(40)))
+def test_a_startup_line_that_moves_is_refused(rig):
+    rig.grbl.startup = ["G54", "G0X10"]
+    with pytest.raises(InitialisationError, match=r"moves by itself at each start \(\$N1=G0X10\)"):
+        rig.stage()
+    rig.grbl.startup = ["G20G54G17", ""]
+    rig.stage()
+
+
+@pytest.mark.parametrize("before", [5, 6])
+def test_a_setting_that_noise_has_spoilt_is_not_believed(rig, before):
+    spoilt = b"".join(f"${key}={at}\r\n".encode() for key, at in rig.grbl.settings.items())
+    spoilt = spoilt.replace(b"$100=160.000", b"$100=169.000") + b"ok\r\n"
+    rig.line.spoil([None] * before + [Fault("garbled", pieces=(spoilt,))])
+    assert rig.stage().resolution == pytest.approx(STEP)
+    assert rig.grbl.commands.count("$$") > 2
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [({"pan_axis": "Y"}, "pan_axis and tilt_axis are both Y"), ({"pan_zero": 10.0}, "leave out pan_zero")],
+)
+def test_options_that_cannot_be_are_refused(rig, options, said):
+    with pytest.raises(InitialisationError, match=said):
+        rig.stage(**options)
+
+
+def test_without_switches_home_takes_where_it_stands_for_zero(rig):
+    rig.grbl.turn_by_hand(X=7.0, Y=-3.0)
+    stage = rig.stage(pan_limits=(-20, 30))
+    assert stage.homing.startswith("takes where it stands for 0°, 0°")
+    assert not stage.finds_reference
+    stage.home()
+    assert rig.grbl.true == {"X": 7.0, "Y": -3.0}
+    assert angles(stage) == (0.0, 0.0)
     stage.move_to(radians(30), radians(10))
     stage.wait()
-    position = stage.position
-    assert (position.pan, position.tilt) == pytest.approx((radians(30), radians(10)))
-    script.port.finish()
+    assert angles(stage) == degrees_of(30, 10)
+    assert rig.grbl.true == pytest.approx({"X": 37.0, "Y": 7.0}, abs=0.004)
 
 
-def test_rounds_to_whole_steps_and_reports_them(script):
-    near = round(10.003 * 160) / 160
-    stage = script.stage(
-        (f"G53 G0 X{near:.4f}\n".encode(), b"ok\r\n"),
-        (b"?", idle(near)),
-        (b"?", idle(near)),
-        (b"?", idle(near)),
-    )
-    stage.move_to(radians(10.003), 0.0)
+def test_without_switches_what_is_on_its_way_does_not_stand_at_zero(rig):
+    stage = rig.homed()
+    stage.move_to(radians(40), 0.0)
+    rig.clock.sleep(1.0)
+    with pytest.raises(OperationError, match="it was on its way, and is stopped; turn it to 0°"):
+        stage.home()
+    assert not rig.grbl.moving
+    assert stage.needs_home
+    rig.grbl.turn_by_hand(X=0.0)
+    stage.home()
+    assert angles(stage) == (0.0, 0.0)
+
+
+def test_with_switches_home_finds_them(rig):
+    rig.fit(homing=True)
+    rig.grbl.turn_by_hand(X=12.0)
+    stage = rig.homed(pan_limits=(-30, 30))
+    assert stage.homing.startswith("drives the axes to their limit switches")
+    assert stage.finds_reference
+    assert rig.grbl.true == pytest.approx({"X": 0.0, "Y": 0.0}, abs=0.004)
+    assert angles(stage) == degrees_of(0, 0)
+
+
+def test_signs_and_zeros_of_the_mount(rig):
+    rig.fit(homing=True)
+    stage = rig.homed(pan_sign=-1, pan_zero=-80.0)
+    assert stage.limits.pan == pytest.approx((radians(-80), radians(100)))
+    stage.move_to(radians(30), 0.0)
     stage.wait()
-    pan = stage.position.pan
-    assert pan == pytest.approx(radians(near), abs=1e-12)
-    assert abs(pan - radians(10.003)) <= STEP / 2
+    assert angles(stage) == degrees_of(30, 0)
+    assert rig.grbl.true["X"] == pytest.approx(-20, abs=0.004)  # machine -110, 0 at the end of the travel
 
 
-@pytest.mark.parametrize(
-    ("reply", "repeated"),
-    [
-        ([b"<Idle|MPos:3", 0.1, b"0.000,0.000,", 0.3, b"0.000|FS:0,0>\r\n"], False),
-        (b"\xff\x80?<Idle|MPos:30.000,0.000,0.000|FS:0,0>\n", False),
-        (b"[MSG:Pgm End]\r\n<Idle|WPos:25.000,0.000,0.000|WCO:5.000,0.000,0.000>\r\n", False),
-        (b"<Idle|MPos:30.\x8100,0.000,0.000|FS:0,0>\r\n", True),
-        (b"", True),
-    ],
-    ids=["partial", "noise-and-echo", "work-position", "spoilt", "lost"],
-)
-def test_reads_a_status_over_a_bad_line(script, reply, repeated):
-    stage = script.stage((b"?", reply), *([THERE] if repeated else []))
-    assert stage.position.pan == pytest.approx(radians(30))
-    script.port.finish()
+def test_moves_no_faster_than_asked(rig):
+    stage = rig.homed(speed=5.0)
+    assert stage.speed == pytest.approx(radians(5))
+    before = rig.clock.now()
+    stage.move_to(radians(20), 0.0)
+    assert rig.grbl.commands[-1] == "$J=G53 G90 G21 X20.0000 Y0.0000 F300.00"
+    stage.wait()
+    assert (rig.clock.now() - before) / 1e9 == pytest.approx(4.0, abs=0.6)
+    rig.grbl.settings[110] = "120.000"
+    assert rig.stage().speed == pytest.approx(radians(2))
 
 
-def test_line_spoilt_by_noise_is_sent_again(script):
-    stage = script.stage((MOVE[0], b"error:2\r\n"), (MOVE[0], b"G53 G0 X30.0000\r\n\xfeok\r\n"))
-    stage.move_to(radians(30), 0.0)
-    script.port.finish()
-
-
-def test_refusal_says_what_it_means(script):
-    stage = script.stage((MOVE[0], b"error:20\r\n"), (MOVE[0], b"error:20\r\n"))
-    with pytest.raises(OperationError, match=r"error:20 \(unsupported command\)"):
-        stage.move_to(radians(30), 0.0)
+def test_nothing_is_sent_for_an_angle_beyond_the_limits(rig):
+    stage = rig.homed(pan_limits=(-20, 20))
+    before = len(rig.grbl.commands)
+    for pan, tilt in ((20.1, 0), (0, 45.1)):
+        with pytest.raises(LimitError, match="nothing was sent"):
+            stage.move_to(radians(pan), radians(tilt))
+    assert len(rig.grbl.commands) == before
     assert not stage.needs_home
 
 
-def test_nothing_is_sent_for_an_angle_beyond_the_limits(script):
-    stage = script.stage()
-    with pytest.raises(LimitError, match="nothing was sent"):
-        stage.move_to(radians(90.1), 0.0)
-    with pytest.raises(LimitError, match=r"tilt 1\.000°"):
-        stage.move_to(0.0, radians(1))
+def test_a_movement_that_is_stopped_is_over_for_good(rig):
+    stage = rig.homed()
+    stage.move_to(radians(40), 0.0)
+    rig.clock.sleep(1.0)
+    at = rig.grbl.now()
+    stage.stop()
+    assert rig.sent_since(at)[0] == b"!\x85"
+    assert not rig.grbl.moving
+    here = rig.grbl.true
+    assert angles(stage) == degrees_of(here["X"], here["Y"])
+    rig.line.write(b"~")  # somebody releases the hold
+    rig.clock.sleep(5.0)
+    assert rig.grbl.true == here
+    stage.move_to(0.0, 0.0)
+    stage.wait()
+    assert angles(stage) == degrees_of(0, 0)
+
+
+def test_an_interrupt_stops_it_within_a_fifth_of_a_second(rig):
+    stage = rig.homed()
+    stage.move_to(radians(40), 0.0)
+    told = rig.grbl.now() + 1.0
+    stage.interrupted = lambda: rig.grbl.now() >= told
+    with pytest.raises(MotionStoppedError):
+        stage.wait()
+    halt = next(at for at, data in rig.line.writes if at >= told and data == b"!\x85")
+    assert halt < told + 0.2
+    assert not rig.grbl.moving
     assert not stage.needs_home
-    script.port.finish()
 
 
-def test_limits_beyond_the_travel_are_refused(script):
-    with pytest.raises(InitialisationError, match=r"axis X cannot have limits -100° to 100°.*\$130=180"):
-        script.stage(pan_limits=(-100, 100))
+def test_another_program_s_movement_is_stopped_and_forgotten(rig):
+    stage = rig.homed()
+    rig.grbl.run_program(X=40.0)
+    rig.clock.sleep(1.0)
+    stage.stop()
+    here = rig.grbl.true
+    assert rig.grbl.state == "Idle"
+    rig.line.write(b"~")
+    rig.clock.sleep(5.0)
+    assert rig.grbl.true == here
+    assert angles(stage) == degrees_of(here["X"], here["Y"])  # it stood still when it was reset
 
 
-def test_missing_travel_is_refused(script):
-    greeting = [(b"$$\n", SETTINGS.replace(b"$130=180", b"$130=0"))]
-    with pytest.raises(InitialisationError, match=r"\$130"):
-        script.stage(greeting=greeting)
+def test_homing_is_stopped_by_a_reset(rig):
+    rig.fit(homing=True)
+    stage = rig.stage()
+    stage.interrupted = lambda: rig.grbl.state == "Home"
+    at = rig.grbl.now()
+    with pytest.raises(MotionStoppedError):
+        stage.home()
+    assert rig.grbl.state == "Alarm"
+    assert stage.needs_home
+    assert rig.sent_since(at)[-1] == b"\x18"
 
 
-def test_not_there_in_time(script):
-    stage = script.stage(MOVE, *[RUN] * 7)
+def test_the_origin_is_at_the_switch_where_grbl_is_built_so(rig):
+    rig.fit(homing=True)
+    rig.grbl.build_info = rig.grbl.build_info.replace(b"OPT:V", b"OPT:VZ")
+    rig.grbl.settings[23] = "1"
+    stage = rig.stage(pan_zero=100.0)
+    assert stage.limits.pan == pytest.approx((radians(-100), radians(80)))
+    assert stage.limits.tilt == pytest.approx((radians(-45), radians(45)))
+
+
+@pytest.mark.parametrize("homing", [False, True])
+def test_after_a_hard_limit_nothing_moves_until_it_is_homed(rig, homing):
+    rig.fit(homing)
+    stage = rig.homed()
     stage.move_to(radians(30), 0.0)
-    with pytest.raises(DeviceTimeoutError, match=r"Run at 10\.000°"):
-        stage.wait(1.0)
-    assert not stage.needs_home
-
-
-def test_alarm_on_the_way_locks_until_homed(script):
-    stage = script.stage(
-        MOVE,
-        (b"?", b"ALARM:1\r\n[MSG:Reset to continue]\r\n"),
-        (b"\x18", [0.1, b"ALARM:3\r\n" + BANNER + b"[MSG:'$H'|'$X' to unlock]\r\n"]),
-        (b"$X\n", b"[MSG:Caution: Unlocked]\r\nok\r\n"),
-        MODES,
-        (b"G53 G0 X0.0000\n", b"ok\r\n"),
-        (b"?", idle(0)),
-        (b"?", idle(0)),
-    )
-    stage.move_to(radians(30), 0.0)
+    rig.clock.sleep(0.5)
+    rig.grbl.hit_limit()
+    at, before = rig.grbl.now(), len(rig.grbl.moves)
     with pytest.raises(LimitError, match="ALARM:1, a hard limit switch was hit; home it"):
         stage.wait()
-    with pytest.raises(StateError, match="home it first"):
+    with pytest.raises(StateError, match="ALARM:1"):
         stage.move_to(0.0, 0.0)
-    stage.home()
-    assert not stage.needs_home
-    script.port.finish()
-
-
-@pytest.mark.parametrize(
-    "exchange", [(b"?", b"<Alarm|MPos:0.000,0.000,0.000|FS:0,0>\r\n"), (MOVE[0], b"error:9\r\n")]
-)
-def test_alarm_whose_message_was_lost_is_noticed(script, exchange):
-    exchanges = [MOVE, exchange] if exchange[0] == b"?" else [exchange, exchange]
-    stage = script.stage(*exchanges)
-    with pytest.raises(LimitError):
-        go(stage, radians(30))
+    stage.close()
+    stage.open()
     assert stage.needs_home
-    script.port.finish()
+    assert not any(b"$X" in data or b"$H" in data or b"$J" in data for data in rig.sent_since(at))
+    if not homing:
+        rig.grbl.turn_by_hand(X=0.0, Y=0.0)
+    stage.home()
+    assert len(rig.grbl.moves) == before + 1 + homing
+    assert max(abs(pan) for pan, _ in rig.grbl.moves[before:]) < STEP
+    assert rig.grbl.true == pytest.approx({"X": 0.0, "Y": 0.0}, abs=0.004)
+    assert angles(stage) == degrees_of(0, 0)
 
 
-def test_restart_is_noticed(script):
-    stage = script.stage(MOVE, RUN, (b"?", [0.05, BANNER]))
+def test_a_restart_in_mid_move_leaves_the_position_unknown_however_often(rig):
+    """Each time the controller takes where it was for 0: repeated, it must not walk past the limit."""
+    stage = rig.homed(pan_limits=(-30, 30))
+    for _ in range(4):
+        if not stage.needs_home:
+            stage.move_to(radians(30), 0.0)
+            rig.clock.sleep(1.0)
+        rig.grbl.restart()
+        with pytest.raises((DeviceLostError, StateError)):
+            stage.wait()
+        with pytest.raises(StateError, match="unknown"):
+            stage.move_to(radians(30), 0.0)
+        stage.close()
+        stage.open()
+        assert stage.needs_home
+    assert len(rig.grbl.moves) == 2  # the homing and the first movement
+    assert rig.grbl.true["X"] < 30
+
+
+def test_an_alarm_whose_message_was_lost_is_noticed(rig):
+    stage = rig.homed()
     stage.move_to(radians(30), 0.0)
-    with pytest.raises(DeviceLostError, match="has restarted"):
+    rig.grbl.mute = True
+    rig.grbl.hit_limit()
+    rig.grbl.mute = False
+    with pytest.raises(DeviceLostError, match="does not answer"):
         stage.wait()
     assert stage.needs_home
 
 
-def test_silence_and_unplugging(script):
-    stage = script.stage(*[(b"?", b"")] * 3)
-    with pytest.raises(DeviceLostError, match="does not answer"):
+def test_a_report_from_before_a_movement_is_not_taken_for_one_after_it(rig):
+    stage = rig.homed()
+    rig.line.spoil([None, Fault("twice", 2.0)])
+    assert angles(stage) == (0.0, 0.0)
+    comes_again = rig.clock.now() / 1e9 + 2.0
+    stage.move_to(radians(5), 0.0)
+    stage.wait()
+    rig.clock.sleep(comes_again - 0.005 - rig.clock.now() / 1e9)
+    assert angles(stage) == degrees_of(5, 0)
+
+
+def test_a_feed_hold_from_elsewhere_is_noticed(rig):
+    stage = rig.homed()
+    rig.line.write(b"!")
+    with pytest.raises(OperationError, match="state Hold"):
         _ = stage.position
-    stage = script.stage(MOVE, (b"?", [UNPLUGGED]))
+    stage.stop()
+    assert angles(stage) == degrees_of(0, 0)
+
+
+def test_a_refusal_says_what_it_means(rig, monkeypatch):
+    stage = rig.homed()
+    monkeypatch.setattr(rig.grbl, "_jog", lambda *_: rig.grbl.say(b"error:15\r\n"))
+    with pytest.raises(OperationError, match=r"error:15 \(beyond the machine's travel\)"):
+        stage.move_to(radians(30), 0.0)
+
+
+def test_not_there_in_time_is_stopped(rig, monkeypatch):
+    stage = rig.homed()
+    monkeypatch.setattr(rig.grbl, "_jog", lambda *_: rig.grbl.say(b"ok\r\n"))
     stage.move_to(radians(30), 0.0)
+    with pytest.raises(DeviceTimeoutError, match="and stopped"):
+        stage.wait(1.0)
+    assert any(data == b"!\x85" for _, data in rig.line.writes)
+
+
+def test_unplugging(rig):
+    stage = rig.homed()
+    stage.move_to(radians(30), 0.0)
+    rig.line.plugged = False
     with pytest.raises(DeviceLostError, match="serial line is gone"):
         stage.wait()
     assert stage.needs_home
 
 
-def test_with_switches_it_has_to_be_homed_first(script):
-    stage = script.stage(
-        (b"\x18", BANNER),
-        (b"$H\n", [20.0, b"ok\r\n"]),
-        MODES,
-        (b"G53 G0 X-90.0000\n", b"ok\r\n"),
-        (b"?", idle(-90)),
-        (b"?", idle(-90)),
-        greeting=HOMED_GREETING,
-    )
-    assert stage.limits.pan == pytest.approx((radians(-90), radians(90)))
-    with pytest.raises(StateError, match="reset when its port was opened"):
-        stage.move_to(0.0, 0.0)
-    stage.home()
-    assert not stage.needs_home
-    script.port.finish()
-
-
-def test_origin_at_the_switch_where_grbl_is_built_so(script):
-    greeting = [
-        (b"$$\n", SETTINGS.replace(b"$22=0", b"$22=1").replace(b"$23=0", b"$23=1")),
-        (b"$I\n", b"[OPT:VZ,15,128]\r\nok\r\n"),
-    ]
-    stage = script.stage(
-        (b"\x18", BANNER),
-        (b"$H\n", b"ok\r\n"),
-        MODES,
-        (b"G53 G0 X90.0000\n", b"ok\r\n"),
-        (b"?", idle(90)),
-        (b"?", idle(90)),
-        greeting=greeting,
-    )
-    stage.home()
-    script.port.finish()
-
-
-def test_failed_homing_leaves_the_position_unknown(script):
-    stage = script.stage((b"\x18", BANNER), (b"$H\n", [3.0, b"ALARM:9\r\n"]), greeting=HOMED_GREETING)
-    with pytest.raises(LimitError, match="homing did not find the limit switch"):
-        stage.home()
-    assert stage.needs_home
-
-
-def test_status_reports():
-    status = parse_status("<Hold:0|MPos:1.5,-2,0|FS:0,0|Ov:100,100,100>")
+def test_messages():
+    status = parse_status("<Hold:1|MPos:1.5,-2,0|FS:0,0|Ov:100,100,100>")
     assert status is not None
-    assert (status.state, status.machine) == ("Hold", (1.5, -2.0, 0.0))
+    assert (status.state, status.phase, status.machine, status.stands) == ("Hold", 1, (1.5, -2.0, 0.0), False)
+    for line, stands in (
+        ("<Hold:0|MPos:0,0,0>", True),
+        ("<Door:1|MPos:0,0,0>", True),
+        ("<Door:2|MPos:0,0,0>", False),
+        ("<Jog|MPos:0,0,0>", False),
+    ):
+        found = parse_status(line)
+        assert found is not None
+        assert found.stands == stands
     assert parse_status("<Idle|MPos:1.5,-2") is None
+    assert parse_status("<Idle|MPos:30.\ufffd00,0,0|FS:0,0>") is None
     assert parse_status("ok") is None
+    assert ANSWER.search("ok")
+    assert not ANSWER.search(">G54G20:ok")
 
 
 def test_emulated_controller_end_to_end():
     with GrblEmulator() as emulator:
-        options = {"port": emulator.port, "tilt_axis": "Y"}
+        options = {"port": emulator.port, "tilt_axis": "Y", "speed": 100.0}
         with make_stage("grbl", options) as stage:
+            stage.home()
             stage.move_to(radians(12.3), radians(-4))
             stage.wait()
-            assert stage.position.pan == pytest.approx(radians(12.3), abs=STEP / 2)
-            assert stage.position.tilt == pytest.approx(radians(-4), abs=STEP / 2)
+            assert angles(stage) == degrees_of(12.3, -4)
             emulator.hit_limit()
             with pytest.raises(LimitError):
                 keep_asking(stage)
             stage.home()
-            assert stage.position.pan == pytest.approx(0.0, abs=STEP / 2)
+            assert angles(stage) == (0.0, 0.0)
             emulator.restart()
             with pytest.raises(DeviceLostError):
                 keep_asking(stage)
-        assert all(line[:1] != "$" or line in ("$$", "$I", "$X", "$H") for line in emulator.commands)
+        written = [line for line in emulator.commands if re.match(r"\$\d+=|\$N\d=|G10|G28\.1|\$RST", line)]
+        assert not written, "nothing writes the EEPROM"
 
 
 def test_emulated_controller_with_switches_is_unplugged_and_replugged(tmp_path):
     with GrblEmulator(tmp_path / "grbl", homing=True) as emulator:
-        stage = make_stage("grbl", {"port": emulator.port})
+        stage = make_stage("grbl", {"port": emulator.port, "speed": 100.0})
         stage.open()
         stage.home()
         assert stage.position.pan == pytest.approx(0.0, abs=STEP / 2)
@@ -328,11 +448,6 @@ def test_emulated_controller_with_switches_is_unplugged_and_replugged(tmp_path):
         stage.open()
         stage.home()
         stage.close()
-
-
-def go(stage, pan):
-    stage.move_to(pan, 0.0)
-    stage.wait()
 
 
 def keep_asking(stage):

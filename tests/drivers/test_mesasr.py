@@ -9,9 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.calibration import sr4000_calibration
-from drivers.clock import VirtualClock
-from drivers.errors import DeviceLostError, InitialisationError, NotAvailableError, OperationError
+from drivers.calibration import sr4000_calibration, sr4500_calibration
+from drivers.errors import (
+    DeviceLostError,
+    DeviceTimeoutError,
+    InitialisationError,
+    NotAvailableError,
+    OperationError,
+)
 from drivers.mesasr import MesaCamera
 from drivers.mesasr.coordinates import pixel_rays
 from drivers.mesasr.library import find_library, load_library
@@ -46,22 +51,40 @@ def stub(build):
     levers = ctypes.CDLL(str(build()))
     levers.stub_plug(1)
     levers.stub_fail_acquires(0)
+    levers.stub_leave_acquires(0)
+    levers.stub_firmware(0x97)
     levers.stub_refuse_frequency(0)
+    levers.stub_last_began.restype = ctypes.c_int64
     yield levers
     assert levers.stub_wrong_handles() == 0
 
 
+class StubClock:
+    """The time of a stub library."""
+
+    def __init__(self, path: Path) -> None:
+        self._levers = ctypes.CDLL(str(path))
+        self._levers.stub_now.restype = ctypes.c_int64
+
+    def now(self) -> int:
+        return 10**9 + self._levers.stub_now()
+
+    def sleep(self, seconds: float) -> None:
+        self._levers.stub_pass(ctypes.c_int64(max(0, round(seconds * 1e9))))
+
+
 def camera(path: Path, **options: object) -> MesaCamera:
-    return MesaCamera(MesaCamera.Options(library=path, **options), VirtualClock())
+    return MesaCamera(MesaCamera.Options(library=path, **options), StubClock(path))
 
 
 @pytest.mark.parametrize("macros", [(), ("PACKED",), ("OLD",)])
 def test_frames_from_every_build(build, macros):
     with camera(build(*macros)) as cam:
         cam.start()
-        for number in (1, 2):
+        for number in (2, 3):  # the first one after settings is thrown away
             frame = cam.grab()
             expected = 4 * (np.arange(144 * 176) % 4096) + number * 4096
+            expected[1234] = 0  # without confidence
             np.testing.assert_array_equal(frame.counts.ravel(), expected)
             assert np.all(frame.amplitude == 1097)
         assert frame.sequence == 2
@@ -109,7 +132,7 @@ def test_settings_reach_the_camera(build, stub):
     ("change", "message"),
     [
         ({"integration_time": 30e-3}, r"30 ms: it takes 0\.3 to 25\.8 ms"),
-        ({"modulation_frequency": 20e6}, r"20 MHz: it takes 30, 15, 29, 31 MHz"),
+        ({"modulation_frequency": 20e6}, r"20 MHz: it takes 30, 15, 29, 31, 14.5, 15.5 MHz"),
         ({"frame_rate": 60.0}, r"60 frames/s"),
     ],
 )
@@ -130,14 +153,122 @@ def test_a_frequency_that_is_silently_refused_is_noticed(build, stub):
             cam.settings = other
 
 
-def test_numbering_of_frequencies_follows_the_version(build):
-    with camera(build("PRODUCT=0x0074")) as cam:
+@pytest.mark.parametrize("macros", [(), ("VERSION=10", "Y2008")])
+def test_numbering_of_frequencies_follows_the_version(build, macros):
+    path = build("PRODUCT=0x0074", *macros, name="libmesasr.so" if not macros else "libusbSR.so")
+    with camera(path) as cam:
         assert cam.capabilities.model == "SR3000"
+        assert cam.settings.modulation_frequency == 20e6  # number 3
+        cam.settings = cam.settings.model_copy(update={"modulation_frequency": 40e6})
+        cam.settings = cam.settings.model_copy(update={"modulation_frequency": 20e6})
+        assert cam.settings.ambiguity_range == 7.5
+
+
+def test_numbers_that_are_not_documented_are_not_guessed(build):
+    with pytest.raises(InitialisationError, match=r"version 1\.0\.9\.706.*from 1\.0\.10 on"):
+        camera(build("VERSION=9")).open()
+    with pytest.raises(NotAvailableError, match="of 2008 or later: it lacks SR_SetMode"):
+        camera(build("Y2007", name="libusbSR.so")).open()
+    with camera(build("VERSION=10", "Y2008")) as cam:
+        other = cam.settings.model_copy(update={"modulation_frequency": 29e6})
+        with pytest.raises(InitialisationError, match="does not know it"):
+            cam.settings = other
+
+
+@pytest.mark.parametrize("frequency", [14.5e6, 15.5e6])
+def test_all_frequencies_of_an_sr4000(build, stub, frequency):
+    with camera(build()) as cam:
+        cam.settings = cam.settings.model_copy(update={"modulation_frequency": frequency})
+        assert cam.settings.ambiguity_range == pytest.approx(150e6 / frequency)
+    assert stub
+
+
+def test_an_sr2_has_one_frequency_and_no_auto_exposure(build):
+    path = build("PRODUCT=0x0071")
+    with camera(path, model="SR2B") as cam:
         assert cam.settings.modulation_frequency == 20e6
-    with camera(build("PRODUCT=0x0074", "LIBUSBSR", name="libusbSR.so")) as cam:
-        assert cam.settings.modulation_frequency == 20e6  # number 2 of the numbers of 2007
-    with pytest.raises(InitialisationError, match=r"version 1\.0\.10\.706.*from 1\.0\.14"):
-        camera(build("VERSION=10")).open()
+        with pytest.raises(InitialisationError, match="30 MHz: it takes 20 MHz"):
+            cam.settings = cam.settings.model_copy(update={"modulation_frequency": 30e6})
+    with pytest.raises(InitialisationError, match="SR2B cannot be given auto exposure: no values are doc"):
+        camera(path, model="SR2B", auto_exposure=True).open()
+
+
+def test_an_sr4500_is_named(build, stub):
+    with camera(build("OLD"), model="SR4500") as cam:
+        assert cam.capabilities.model == "SR4500"
+        assert cam.calibration == sr4500_calibration()
+        assert cam.settings.integration_time == pytest.approx(10e-3)
+    with pytest.raises(InitialisationError, match=r"SR9 does not tell the model: .*SR4500"):
+        camera(build(), model="SR9").open()
+    assert stub
+
+
+def test_what_the_camera_itself_can_reject_and_expose_twice(build, stub):
+    with camera(build(), saturation_threshold=40_000, dual_integration=50) as cam:
+        assert (stub.stub_saturation(), stub.stub_dual()) == (40_000, 50)
+        cam.start()
+        frame = cam.grab()
+        twice = cam.exposure_start(frame)
+    with camera(build()) as cam:
+        cam.start()
+        frame = cam.grab()
+        assert frame.timestamp - frame.timestamp_uncertainty - twice > 0
+    stub.stub_firmware(0x6A)
+    with pytest.raises(InitialisationError, match="firmware is 0x6a, needed is 0x73"):
+        camera(build(), dual_integration=50).open()
+    with pytest.raises(InitialisationError, match="has no SR_SetSaturationThreshold"):
+        camera(build("OLD"), saturation_threshold=1).open()
+
+
+def test_a_short_time_allowed_does_not_shorten_the_library_s_timeout(build, stub):
+    with camera(build()) as cam:
+        cam.start()
+        cam.settings = cam.settings.model_copy(update={"integration_time": 25.8e-3})
+        cam.grab(timeout=0.104)
+        assert stub.stub_timeout() >= 4 * (25.8 + 4.6) + 250
+        sequence = cam.grab().sequence
+        for _ in range(6):
+            with pytest.raises(DeviceTimeoutError, match="shorter than an exposure"):
+                cam.grab(timeout=0.1)
+        assert cam.grab().sequence == sequence + 1
+
+
+def test_settings_hold_from_the_first_frame_that_is_given(build, stub):
+    with camera(build()) as cam:
+        cam.start()
+        for value in (3e-3, 7e-3, 2e-3):
+            cam.settings = cam.settings.model_copy(update={"integration_time": value})
+            frame = cam.grab()
+            assert frame.amplitude[0, 0] - 1000 == round((frame.integration_time - 0.3e-3) / 0.1e-3)
+    assert stub
+
+
+def test_auto_exposure_gives_each_frame_its_own_time(build, stub):
+    with camera(build(), auto_exposure=True) as cam:
+        cam.start()
+        frames = [cam.grab() for _ in range(5)]
+    times = [frame.integration_time for frame in frames]
+    assert times == sorted(set(times))
+    for frame in frames:
+        assert frame.amplitude[0, 0] - 1000 == round((frame.integration_time - 0.3e-3) / 0.1e-3)
+    assert stub
+
+
+def test_after_a_failure_no_earlier_frame_is_taken_for_a_later_one(build, stub):
+    with camera(build()) as cam:
+        cam.start()
+        cam.grab()
+        stub.stub_leave_acquires(1)
+        with pytest.raises(OperationError, match="did not get"):
+            cam.grab()
+        with pytest.raises(DeviceLostError, match="it was an earlier one; the camera must be opened anew"):
+            cam.grab()
+        cam.close()
+        cam.open()
+        cam.start()
+        asked = cam.clock.now()
+        cam.grab()
+        assert 10**9 + stub.stub_last_began() >= asked
 
 
 def test_failed_frames_are_gaps_and_many_of_them_a_lost_camera(build, stub):
@@ -148,6 +279,7 @@ def test_failed_frames_are_gaps_and_many_of_them_a_lost_camera(build, stub):
             with pytest.raises(OperationError, match=r"SR_Acquire.*did not get requested bytes"):
                 cam.grab()
         assert cam.grab().sequence == 3
+        assert cam.grab().counts[0, 1] == 4 + 4 * 4096  # two were thrown away: after settings, after failures
         stub.stub_fail_acquires(9)
         for _ in range(4):
             with pytest.raises(OperationError):
@@ -224,13 +356,16 @@ def test_messages_of_the_library_are_logged(build, stub, caplog):
 def test_the_exposure_lies_between_request_and_end(build, stub):
     with camera(build()) as cam:
         cam.start()
+        cam.grab()
         before = cam.clock.now()
         frame = cam.grab()
         after = cam.clock.now()
+        start = cam.exposure_start(frame)
     # the software trigger: two of the four samples of 10 ms come before the middle
     assert frame.timestamp == before + 20_000_000
     assert frame.timestamp_uncertainty <= 1
-    assert after == before  # the stub takes no time
+    assert after == before + 40_000_000  # and the stub needs no readout, which may take 18.4 ms
+    assert start == before - 9_200_000 - frame.timestamp_uncertainty
     assert stub
 
 
@@ -252,5 +387,5 @@ def test_another_library_is_refused(tmp_path):
     source = tmp_path / "other.c"
     source.write_text("int SR_Acquire(void *camera) { return 0; }")
     subprocess.run([COMPILER, "-shared", "-fPIC", "-o", tmp_path / "other.so", source], check=True)
-    with pytest.raises(NotAvailableError, match="no libMesaSR: it lacks SR_OpenUSB"):
+    with pytest.raises(NotAvailableError, match="no libMesaSR of 2008 or later: it lacks SR_OpenUSB"):
         load_library(tmp_path / "other.so")

@@ -14,7 +14,7 @@ from mcap.writer import CompressionType, Writer
 
 from drivers import RecordingError, sr4000_calibration
 from drivers.calibration import Mount
-from drivers.messages import CAMERA_CALIBRATION, frame_messages, image_message
+from drivers.messages import CAMERA_CALIBRATION, calibration_message, frame_messages, image_message
 from drivers.recording import Recording, RecordingWriter, attachments, open_recording
 
 
@@ -105,8 +105,7 @@ def test_messages_come_back_as_they_were_written(tmp_path):
 
 def test_calibration_message_serves_where_nothing_is_attached(tmp_path, frames):
     with RecordingWriter(tmp_path / "x.mcap") as writer:
-        writer._attached.add(attachments.CALIBRATION)
-        writer.write_calibration(sr4000_calibration(), START)
+        writer.write(calibration_message(sr4000_calibration(), START), START)
         writer.write_frame(frames[0], Mount())
     found = open_recording(tmp_path / "x.mcap").calibration
     assert (found.intrinsics, found.shape) == (sr4000_calibration().intrinsics, (144, 176))

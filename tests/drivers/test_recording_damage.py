@@ -70,7 +70,10 @@ def test_damaged_chunk_is_passed_over(whole, frames, tmp_path):
     damage = recording.damage
     assert not damage.is_torn
     missing = set(by_sequence) - {frame.sequence for frame in got}
-    assert {*damage.lost_frames, *damage.incomplete_frames} == missing
+    lost = {number for gap in damage.lost_frames for number in range(gap.first, gap.last + 1)}
+    assert lost | set(damage.incomplete_frames) == missing
+    assert lost.isdisjoint(damage.incomplete_frames)
+    assert damage.lost_frame_count == len(lost)
     assert damage.lost_messages["camera/frame"] in (2, 3)
     assert damage.short_bursts[0].frames == 15 - len(missing)
     assert f"damaged chunk of {length:,} bytes at byte {offset:,}" in str(damage)

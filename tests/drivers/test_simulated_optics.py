@@ -6,11 +6,11 @@ import pytest
 from drivers import sr3000_calibration
 from drivers.calibration import Footprint, Mount
 from drivers.poses import camera_rotation
+from drivers.position import Position
 from drivers.simulation import build_scene
 from drivers.simulation.cast import cast
 from drivers.simulation.footprint import average, fits, summed_area
 from drivers.simulation.render import RAYS, Renderer
-from drivers.stage import Position
 
 RANGE = 7.5
 CALIBRATION = sr3000_calibration()

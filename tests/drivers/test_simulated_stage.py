@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drivers import DeviceTimeoutError, LimitError, Position, make_stage
+from drivers import LimitError, Position, make_stage
 from drivers.clock import VirtualClock
 
 START = 1_700_000_000 * 10**9
@@ -94,13 +94,14 @@ def test_a_new_target_on_the_way_is_approached_from_where_it_is():
     assert stage.position == Position(0.0, 0.0)
 
 
-def test_waiting_too_short_a_time_says_how_much_is_left():
-    stage = stage_of(speed=1)
-    stage.move_to(np.radians(10), 0.0)
-    with pytest.raises(DeviceTimeoutError, match=r"after 3\.0 s and needs 7\.0 s more"):
-        stage.wait(3.0)
-    stage.wait(8.0)
-    assert np.degrees(stage.position.pan) == pytest.approx(10.0)
+def test_it_is_stopped_on_its_way_and_stays_there():
+    stage = stage_of(speed=10, resolution=0)
+    stage.move_to(np.radians(5), 0.0)
+    stage.clock.sleep(0.2)
+    stage.stop()
+    stage.clock.sleep(1.0)
+    stage.wait()
+    assert np.degrees(stage.position.pan) == pytest.approx(2.0)
 
 
 def test_home_finds_zero_without_error():

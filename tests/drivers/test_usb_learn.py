@@ -12,6 +12,7 @@ from usb_captures import (
     USB_LINUX_MMAPPED,
     USBPCAP,
     descriptor_request,
+    descriptor_requests,
     usbmon_packets,
     usbpcap_packets,
     write_pcap,
@@ -46,7 +47,7 @@ def session(firmware: Firmware) -> list[Transfer]:
     stand_in = StandIn(SR3000_IDS, firmware=firmware, clock=VirtualClock(EPOCH))
     device = usb.core.find(backend=stand_in)
     VendorSoftware(device, firmware).session(10, SETTINGS)
-    return [descriptor_request(SR3000_IDS, EPOCH - 10**9), *stand_in.log]
+    return [*descriptor_requests(SR3000_IDS, EPOCH - 10**9), *stand_in.log]
 
 
 def capture(path, session, kind):
@@ -85,9 +86,12 @@ def test_every_capture_format_gives_the_same_profile(tmp_path, session, firmware
     polls = [step for step in steps if isinstance(step, Control) and step.request == 0xC2]
     assert [poll.until for poll in polls] == [b"R"]
     assert steps[-1] == RegisterWrite(number=9, value=20)
-    assert any("200998 bytes of bulk data" in finding for finding in lesson.findings)
+    assert any("bulk write to 0x02 × 13, 200998 bytes" in finding for finding in lesson.findings)
     assert any("register 9: 4 writes, 20, 24, 49, 149" in finding for finding in lesson.findings)
-    assert any("request 0xb7" in finding and "(14 of 14 frames)" in finding for finding in lesson.findings)
+    assert "for each frame it sends: request 0xb7 (type 0x40)" in lesson.findings
+    assert "trigger: precedes 14 of 14 frames" in lesson.findings
+    assert profile.serial == "4000002F"
+    assert "used for: the camera with the serial number 4000002F, and no other" in lesson.findings
 
 
 def test_a_learned_profile_drives_the_camera(tmp_path, session, firmware, monkeypatch):
@@ -96,11 +100,15 @@ def test_a_learned_profile_drives_the_camera(tmp_path, session, firmware, monkey
     path = tmp_path / "sr3000.toml"
     path.write_text(lesson.profile.to_toml())
     assert Profile.load(path) == lesson.profile
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())  # as some editors leave it
+    assert Profile.load(path) == lesson.profile
     clock = VirtualClock()
     stand_in = StandIn(SR3000_IDS, firmware=firmware, clock=clock)
     monkeypatch.setattr(discovery, "libusb", lambda: stand_in)
 
-    with pytest.raises(InitialisationError, match=r"sr3000\.toml: .*allow_inferred = true"):
+    with pytest.raises(
+        InitialisationError, match=r"allow_inferred = true.*With it, on opening it sends: .*request 0xc1"
+    ):
         UsbCamera(UsbCamera.Options(profile=path), clock).open()
     assert not [transfer for transfer in stand_in.log if transfer.setup[0] & 0x60]
 
@@ -109,7 +117,8 @@ def test_a_learned_profile_drives_the_camera(tmp_path, session, firmware, monkey
     camera.start()
     frame = camera.grab()
     assert stand_in.is_ready
-    sent = np.frombuffer(scene(144, 176, 1), "<u2").reshape(2, 144, 176)
+    # the first frame after settings were written is thrown away
+    sent = np.frombuffer(scene(144, 176, 2), "<u2").reshape(2, 144, 176)
     np.testing.assert_array_equal(frame.counts, sent[0])
     # the last value of the trace, 149, is (149 + 1) · 0.2 ms
     assert frame.integration_time == pytest.approx(30e-3)
@@ -127,6 +136,55 @@ def test_a_learned_profile_drives_the_camera(tmp_path, session, firmware, monkey
         camera.start()
         assert camera.grab().integration_time == pytest.approx(5e-3)
     assert stand_in.registers == {9: 24, 7: 0x0A, 8: 0xBC}
+
+
+def test_a_profile_is_for_its_own_camera_and_says_what_it_sends(
+    tmp_path, session, firmware, monkeypatch, caplog
+):
+    path = tmp_path / "mine.toml"
+    trace = capture(tmp_path / "trace.pcapng", session, "220")
+    options = UsbCamera.Options(profile=path, allow_inferred=True)
+    stand_in = StandIn(SR3000_IDS, firmware=firmware, clock=VirtualClock())
+    monkeypatch.setattr(discovery, "libusb", lambda: stand_in)
+    path.write_text(learn(trace, serial="40000030").profile.to_toml())
+    with pytest.raises(InitialisationError, match=r"mine\.toml is for .* 40000030.*nothing was sent"):
+        UsbCamera(options, stand_in.clock).open()
+    assert not [transfer for transfer in stand_in.log if not transfer.setup or transfer.setup[0] & 0x60]
+    assert "it sends" not in caplog.text
+    path.write_text(learn(trace).profile.to_toml())
+    with UsbCamera(options, stand_in.clock):
+        assert "for each frame it sends: request 0xb7 (type 0x40)" in caplog.text
+    assert "bound to no serial number" not in caplog.text
+
+
+def test_a_trace_without_serial_number_says_so(tmp_path, session, firmware, monkeypatch, caplog):
+    lesson = learn(capture(tmp_path / "t.pcapng", [session[0], *session[2:]], "220"))
+    assert lesson.profile.serial is None
+    assert any("say it with --serial" in finding for finding in lesson.findings)
+    path = tmp_path / "mine.toml"
+    path.write_text(lesson.profile.to_toml())
+    stand_in = StandIn(SR3000_IDS, firmware=firmware, clock=VirtualClock())
+    monkeypatch.setattr(discovery, "libusb", lambda: stand_in)
+    with UsbCamera(UsbCamera.Options(profile=path, allow_inferred=True), stand_in.clock):
+        assert "bound to no serial number: it is used for any SR3000" in caplog.text
+
+
+@pytest.mark.parametrize("request_number", [0xA2, 0xA9])
+def test_requests_that_write_flash_are_never_learned_nor_sent(tmp_path, session, request_number):
+    stamp = session[4].completed
+    setup = bytes((0x40, request_number, 0, 0, 0, 0, 8, 0))
+    write = Transfer("control", 0, stamp, stamp + 9, setup, sent=bytes(8), asked=8)
+    told = Transfer("control", 0, stamp, stamp + 9, setup[:1] + b"\xd5" + setup[2:], sent=bytes(8), asked=8)
+    for kind in ("220", "USBPcap"):
+        path = capture(tmp_path / "t.pcapng", [*session[:5], write, told, *session[5:]], kind)
+        lesson = learn(path)
+        requests = [s.request for s in lesson.profile.initialise.known if isinstance(s, Control)]
+        assert request_number not in requests
+        assert any("left out: 1 requests that write the EEPROM" in finding for finding in lesson.findings)
+        assert any("mind: 1 requests carry data" in finding for finding in lesson.findings)
+    with pytest.raises(ValueError, match="writes the EEPROM of the camera's USB chip, and is never sent"):
+        Control(request_type=0x40, request=request_number, data=bytes(8))
+    assert Control(request_type=0xC0, request=request_number, length=8)  # reading it does no harm
 
 
 def test_an_ambiguous_register_is_refused(tmp_path, session):
@@ -167,7 +225,7 @@ def test_other_devices_on_the_bus_are_ignored(tmp_path, session):
 
 
 def test_a_trace_without_descriptor_needs_the_model(tmp_path, session):
-    path = capture(tmp_path / "t.pcapng", session[1:], "220")
+    path = capture(tmp_path / "t.pcapng", session[2:], "220")
     with pytest.raises(RecordingError, match="--model"):
         learn(path)
     assert learn(path, model="SR3000").profile.trigger.known
@@ -179,7 +237,7 @@ def test_a_trace_that_began_too_late_leaves_the_upload_unknown(tmp_path, session
     late = [transfer for transfer in session if not (transfer.kind == "write" and len(transfer.sent) > 2)]
     lesson = learn(capture(tmp_path / "t.pcapng", late, "220"))
     assert lesson.profile.initialise.confidence == "unknown"
-    assert any("initialisation: unknown; the trace shows no upload" in f for f in lesson.findings)
+    assert any("on opening it sends: unknown; the trace shows no upload" in f for f in lesson.findings)
     assert lesson.profile.interface.confidence == "inferred"  # no trace shows which interface was claimed
 
 
@@ -243,6 +301,13 @@ def test_a_damaged_capture_never_ends_in_anything_but_a_clear_error(
     path.write_bytes(content[: max(int(end * len(content)), 100)])
     with suppress(RecordingError):
         learn(path, model="SR3000")
+
+
+def test_a_packet_cut_off_before_its_stage_is_read_as_far_as_it_goes(tmp_path, session):
+    (at, whole), *_ = usbpcap_packets(session)
+    write_pcapng(tmp_path / "t.pcapng", [(at, whole[:27])], USBPCAP)
+    with pytest.raises(RecordingError, match="no device sends anything"):
+        learn(tmp_path / "t.pcapng", model="SR3000")
 
 
 def test_too_few_frames(tmp_path, session):

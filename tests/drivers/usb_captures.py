@@ -102,6 +102,15 @@ def descriptor_request(ids: tuple[int, int], stamp: int) -> Transfer:
     return Transfer("control", 0x80, stamp, stamp + 1000, bytes((0x80, 6, 0, 1, 0, 0, 18, 0)), b"", body, 18)
 
 
+def descriptor_requests(ids: tuple[int, int], stamp: int, serial: str = "4000002F") -> list[Transfer]:
+    """The system reading the camera's ids, and its serial number, when it was plugged in."""
+    text = serial.encode("utf-16-le")
+    body = bytes((2 + len(text), 3)) + text
+    setup = bytes((0x80, 6, 3, 3, 9, 4, 255, 0))
+    string = Transfer("control", 0x80, stamp + 2000, stamp + 3000, setup, b"", body, 255)
+    return [descriptor_request(ids, stamp), string]
+
+
 def write_pcapng(
     path: Path, packets: Iterable[Packet], link_type: int, order: str = "<", resolution: int = 9
 ) -> None:

@@ -62,8 +62,16 @@ class StandIn(usb.backend.IBackend):
 
     Args:
         faults: what happens to the frame of the n-th trigger (from 1): `short`, `late` (the second half
-            comes in the next read), `delayed` (arrives only after the driver gave up), `silent`, `stall`,
-            `refused` (the trigger itself), `eio`, `garbage`, `half-garbage`, `constant`, `unplug`.
+            comes in the next read), `delayed` (arrives only after the driver gave up), `delayed SECONDS`,
+            `silent`, `stall`, `eio` (the frame is lost with the transfer), `stall queued`, `eio queued` (it
+            comes behind it), `refused` (the trigger itself), `refused exposed` (its answer is lost, the frame
+            is not), `doubled` (sent twice), `exposed twice`, `garbage`, `half-garbage`, `constant`, `rolled`,
+            `swapped`, `unplug`.
+        streams: exposes frame after frame by itself, and holds two while nobody reads.
+        ahead: seconds before the trigger at which the exposure begins, in a camera that runs by itself.
+
+    Attributes:
+        exposures: ns at which the exposure of each frame began and ended, by the number of its content.
     """
 
     def __init__(
@@ -80,6 +88,9 @@ class StandIn(usb.backend.IBackend):
         serial: str | None = "4000002F",
         frames: Callable[[int], bytes] | None = None,
         record: bool = True,
+        ahead: float = 0.0,
+        number_by_exposure: bool = False,
+        streams: bool = False,
     ) -> None:
         self.ids, self.shape, self.planes, self.bulk_in = ids, shape, planes, bulk_in
         self.clock = clock or SystemClock()
@@ -89,6 +100,10 @@ class StandIn(usb.backend.IBackend):
         self.serial = serial
         self.frames = frames or (lambda number: scene(*shape, number, planes))
         self.record = record
+        self.ahead = ahead
+        self.number_by_exposure = number_by_exposure
+        self.streams = streams
+        self.exposures: dict[int, tuple[int, int]] = {}
         self.log: list[Transfer] = []
         self.plugged = True
         self.address = 5
@@ -251,7 +266,7 @@ class StandIn(usb.backend.IBackend):
 
     def _trigger(self) -> int:
         self.triggers += 1
-        fault = self.faults.get(self.triggers)
+        fault = self.faults.get(self.triggers, "")
         if fault == "refused":
             return errno.EPIPE
         if fault == "unplug":
@@ -259,28 +274,30 @@ class StandIn(usb.backend.IBackend):
             return errno.ENODEV
         if not self.is_ready or fault == "silent":
             return 0
-        content, ready = self.frames(self.triggers), self.clock.now() + round(self.period * 1e9)
-        half = len(content) // 2
-        if fault == "short":
-            self.queue.append((ready, content[:half]))
-        elif fault == "late":
-            self.queue += [(ready, content[:half]), (ready, content[half:])]
-        elif fault == "delayed":
-            self.queue.append((ready + round(2.005e9), content))
-        elif fault in ("stall", "eio"):
-            self.queue.append((ready, fault.encode()))
-        elif fault in ("garbage", "half-garbage"):
-            noise = np.random.default_rng(1).bytes(len(content))
-            self.queue.append(
-                (ready, noise if fault == "garbage" else content[:half] + _half_noise(content[half:]))
-            )
-        elif fault == "constant":
-            self.queue.append((ready, b"\0" * len(content)))
-        else:
-            self.queue.append((ready, content))
-        return 0
+        began = self.clock.now() - round(self.ahead * 1e9)
+        ready = began + round(self.period * 1e9)
+        number = len(self.exposures) + 1 if self.number_by_exposure else self.triggers
+        content = self.frames(number)
+        self.exposures[number] = (began, ready)
+        if fault.startswith("delayed"):
+            ready += round(float(fault[len("delayed") :] or 2.005) * 1e9)
+        self.queue += [(ready, part) for part in _damaged(content, fault, self.planes)]
+        if fault == "exposed twice":
+            again = ready + round(self.period * 1e9)
+            self.exposures[number + 1] = (ready, again)
+            self.queue.append((again, self.frames(number + 1)))
+        return errno.EPIPE if fault == "refused exposed" else 0
+
+    def _fill(self) -> None:
+        """Expose by itself, one frame after the other, until two wait."""
+        while self.streams and len(self.queue) < 2:
+            number = len(self.exposures) + 1
+            began = max(self.clock.now(), self.exposures[number - 1][1] if number > 1 else 0)
+            self.exposures[number] = (began, began + round(self.period * 1e9))
+            self.queue.append((self.exposures[number][1], self.frames(number)))
 
     def _deliver(self, length: int, timeout: float) -> tuple[bytes, int]:
+        self._fill()
         if self.halted:
             return b"", errno.EPIPE
         wait = (self.queue[0][0] - self.clock.now()) / 1e9 if self.queue else timeout
@@ -289,6 +306,7 @@ class StandIn(usb.backend.IBackend):
             return b"", errno.ETIMEDOUT
         self.clock.sleep(wait)
         content = self.queue.pop(0)[1]
+        self._fill()
         if content == b"stall":
             self.halted = True
             return b"", errno.EPIPE
@@ -321,6 +339,29 @@ class StandIn(usb.backend.IBackend):
         if self.record:
             transfer.completed = self.clock.now()
             self.log.append(transfer)
+
+
+def _damaged(content: bytes, fault: str, planes: int) -> list[bytes]:
+    """The transfers that a frame with a fault becomes."""
+    half = len(content) // 2
+    noise = np.random.default_rng(1).bytes
+    plane = len(content) // planes
+    lost = 512 * 25
+    parts: dict[str, Callable[[], list[bytes]]] = {
+        "short": lambda: [content[:half]],
+        "late": lambda: [content[:half], content[half:]],
+        "stall": lambda: [b"stall"],
+        "eio": lambda: [b"eio"],
+        "stall queued": lambda: [b"stall", content],
+        "eio queued": lambda: [b"eio", content],
+        "doubled": lambda: [content, content],
+        "garbage": lambda: [noise(len(content))],
+        "half-garbage": lambda: [content[:half] + _half_noise(content[half:])],
+        "constant": lambda: [bytes(len(content))],
+        "rolled": lambda: [content[lost:] + content[:lost]],
+        "swapped": lambda: [content[plane:] + content[:plane]],
+    }
+    return parts[fault]() if fault in parts else [content]
 
 
 def _half_noise(content: bytes) -> bytes:

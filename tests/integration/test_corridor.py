@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 
 from drivers.recording import Recording, open_recording
 from service.cli import app
-from service.config import FusionSection
-from service.fusion.fusion import FusedBurst
-from service.offline import fuse_recording
+from service.config.sections import FusionSection
+from service.jobs.fuse import fuse_recording
+from service.messages.map import FusedMap
 from solver.geometry import points_from_distance
 
 STATION = Path(__file__).parents[3] / "shared" / "data" / "sr4000" / "station1"
@@ -34,14 +34,14 @@ def corridor(tmp_path_factory: pytest.TempPathFactory) -> Recording:
 
 
 @pytest.fixture(scope="module")
-def fused(corridor: Recording) -> FusedBurst:
+def fused(corridor: Recording) -> FusedMap:
     # The default number of iterations takes longer; this one is enough for what is asked here.
     (result,) = fuse_recording(corridor, FusionSection(method="lidarboost", max_iterations=100))
     return result
 
 
 @pytest.fixture(scope="module")
-def deviation(corridor: Recording, fused: FusedBurst) -> Deviation:
+def deviation(corridor: Recording, fused: FusedMap) -> Deviation:
     """Standard deviation from the best plane, metres: of one frame, and of the map."""
     calibration, frame = corridor.calibration, fused.frame
     single = calibration.correct(frame.distance, frame.ambiguity_range)
@@ -84,7 +84,7 @@ def test_the_wall_of_one_frame_is_as_noisy_as_the_noise_law_says(deviation: Devi
     assert many < 0.005
 
 
-def test_the_scene_is_where_it_is(fused: FusedBurst) -> None:
+def test_the_scene_is_where_it_is(fused: FusedMap) -> None:
     """The box stands at the far end, the floor comes towards the camera, nothing lies beyond the range."""
     box, floor = (
         fused.depth[4 * p[0].start : 4 * p[0].stop, 4 * p[1].start : 4 * p[1].stop] for p in (BOX, FLOOR)

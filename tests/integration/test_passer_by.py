@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from drivers.recording import open_recording
-from service.config import FusionSection
-from service.fusion.fusion import fuse_burst
-from service.fusion.quality import judge
-from service.fusion.summary import describe, summarize
-from service.offline import recorded_bursts
+from service.config.sections import FusionSection
+from service.fusion.fuse import fuse_burst
+from service.jobs.fuse import recorded_bursts
+from service.messages.summary import describe, summarize
 
 WEDGES = Path(__file__).parents[2] / "recordings" / "wedges.mcap"
 
@@ -26,10 +25,10 @@ def test_a_passer_by_is_left_out_and_reported() -> None:
     errors, lines = [], []
     for seen in (burst, replace(burst, frames=tuple(frames))):
         result = fuse_burst(seen, FusionSection())
-        quality = judge(result, recording.truth)
-        assert quality is not None
-        errors.append(quality.rms)
-        lines.append((result.report.contradicted, describe(summarize(result, quality))))
+        summary = summarize(result, recording.truth)
+        assert summary.errors is not None
+        errors.append(summary.errors.rms)
+        lines.append((result.report.contradicted, describe(summary)))
     assert errors[1] < 1.05 * errors[0]
     assert lines[0][0] < 1e-4
     assert "contradict" not in lines[0][1]

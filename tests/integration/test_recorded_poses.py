@@ -12,9 +12,9 @@ from drivers.clock import VirtualClock
 from drivers.poses import relative_rotations
 from drivers.recording import open_recording
 from drivers.simulated import SimulatedStage
-from service.config import Configuration
-from service.fusion.fusion import stack
-from service.simulation import EPOCH
+from service.config.sections import Configuration
+from service.fusion.fuse import stack
+from service.jobs.simulate import EPOCH
 from solver.positions import sample_positions
 from solver.registration import Track, register
 

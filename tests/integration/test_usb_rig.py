@@ -17,8 +17,10 @@ from drivers.messages import decode_image
 from drivers.recording import open_recording
 from drivers.usb import discovery
 from service.capture.rig import make_rig
-from service.config_file import load
-from service.daemon import Daemon, Watch
+from service.config.file import load
+from service.daemon.run import run_service
+from service.messages.events import FrameCaptured, MapFused
+from service.sinks.sink import Sink
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "drivers"))
 
@@ -62,10 +64,11 @@ def configuration(tmp_path):
     return configure
 
 
-class Meddler(Watch):
+class Meddler(Sink):
     """Stops the service after some maps; calls a fault after each of the frames that are named."""
 
     def __init__(self, maps, faults):
+        super().__init__()
         self.maps, self.faults = maps, faults
         self.frames: list[tuple[float, Frame]] = []
         self.seen = 0
@@ -73,22 +76,22 @@ class Meddler(Watch):
     def started(self, daemon):
         self.daemon = daemon
 
-    def captured(self, frame):
-        self.frames.append((time.monotonic(), frame))
-        if fault := self.faults.get(len(self.frames)):
-            fault()
-
-    def fused(self, burst):  # noqa: ARG002
-        self.seen += 1
-        if self.seen >= self.maps:
-            self.daemon.stop.set()
+    def take(self, event):
+        if isinstance(event, FrameCaptured):
+            self.frames.append((time.monotonic(), event.frame))
+            if fault := self.faults.get(len(self.frames)):
+                fault()
+        elif isinstance(event, MapFused):
+            self.seen += 1
+            if self.seen >= self.maps:
+                self.daemon.stop.set()
 
 
 def test_a_burst_is_captured_turned_fused_and_written(camera, configuration, tmp_path):
     with PtuEmulator() as stage:
         settings = configuration(stage.port)
         output = tmp_path / "out"
-        summary = Daemon(settings, make_rig(settings), output=output, once=True).run()
+        summary = run_service(settings, make_rig(settings), output=output, once=True)
     assert (summary.frames, summary.maps, summary.lost) == (POSES, 1, ())
     recording = open_recording(output / "fused.mcap")
     frames = list(recording.frames())
@@ -122,7 +125,7 @@ def test_unplugging_in_a_burst_costs_that_burst_and_three_seconds_at_most(camera
         settings = configuration(stage.port)
         meddler = Meddler(3, {POSES + 2: pull_the_plug})
         rig = make_rig(settings)
-        summary = Daemon(settings, rig, watch=meddler).run()
+        summary = run_service(settings, rig, sinks={"meddler": lambda: meddler}, started=meddler.started)
     assert summary.maps >= 3
     assert rig.reopened >= 1
     first_after = next(at for at, _ in meddler.frames if at > back[0])
@@ -141,7 +144,7 @@ def test_bad_frames_are_taken_again_and_no_burst_is_lost(camera, configuration):
         settings = configuration(stage.port)
         meddler = Meddler(4, {2 * n + 1: next_one(kind) for n, kind in enumerate(kinds)})
         rig = make_rig(settings)
-        summary = Daemon(settings, rig, watch=meddler).run()
+        summary = run_service(settings, rig, sinks={"meddler": lambda: meddler}, started=meddler.started)
     assert summary.maps >= 4
     assert rig.reopened == 0
     assert len(camera.faults) == len(kinds)

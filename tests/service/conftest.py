@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from drivers import Frame, sr3000_calibration
-from service.capture.burst import Burst
-from service.config import FusionSection
-from service.fusion.fusion import FusedBurst, fuse_burst
+from service.config.sections import FusionSection
+from service.fusion.fuse import fuse_burst
+from service.messages.burst import Burst
+from service.messages.map import FusedMap
 
 NOISE, SHAPE = 0.01, (36, 44)
 
@@ -32,7 +33,7 @@ def endpoint(free_endpoint: Callable[[], str]) -> str:
 
 
 @pytest.fixture(scope="session")
-def _fused() -> FusedBurst:
+def _fused() -> FusedMap:
     """A wall at 2 m with a hole that nothing was seen in, fused from three still frames."""
     nominal = sr3000_calibration()
     centre = {"cx": (SHAPE[1] - 1) / 2, "cy": (SHAPE[0] - 1) / 2}
@@ -58,10 +59,10 @@ def _fused() -> FusedBurst:
 
 
 @pytest.fixture
-def fused(_fused: FusedBurst) -> Callable[[int], FusedBurst]:
+def fused(_fused: FusedMap) -> Callable[[int], FusedMap]:
     """Fused maps that differ in their time and burst number."""
 
-    def numbered(number: int) -> FusedBurst:
+    def numbered(number: int) -> FusedMap:
         at = _fused.frame.timestamp + number * 1_000_000_000
         return replace(
             _fused,

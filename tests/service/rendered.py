@@ -7,11 +7,11 @@ import numpy as np
 
 from drivers.calibration import Calibration
 from drivers.frame import COUNTS_PER_RANGE, Frame
+from drivers.position import Position
 from drivers.settings import CameraSettings
 from drivers.simulation.render import Renderer
 from drivers.simulation.scene import Scene, Surface
 from drivers.simulation.sensor import expose
-from drivers.stage import Position
 
 SETTINGS = CameraSettings()
 AHEAD = Position(0.0, 0.0)

@@ -1,6 +1,8 @@
 """Devices that do as a script says: tiny frames, faults at given calls, time that passes at once."""
 
 from collections.abc import Callable, Mapping
+from math import inf
+from typing import ClassVar
 
 import numpy as np
 
@@ -81,31 +83,48 @@ class ScriptedCamera(Camera):
 class ScriptedStage(Stage):
     """Takes 0.3 s for a movement and reports a position a little off; `faults` by number of the movement."""
 
+    needs_consent: ClassVar[bool] = False
+
     def __init__(self, clock: VirtualClock, faults: Mapping[int, Exception] | None = None) -> None:
         super().__init__(clock=clock)
         self.faults = dict(faults or {})
         self.moves: list[tuple[float, float]] = []
-        self.still = 0
+        self.stops = self.homings = 0
+        self._arrival = 0
 
     def _open(self) -> None: ...
     def _close(self) -> None: ...
-    def _home(self) -> None: ...
+    def _home(self) -> None:
+        self.homings += 1
+
+    def _homing(self) -> str:
+        return "moves nothing"
 
     def _move_to(self, pan: float, tilt: float) -> None:
         self.moves.append((pan, tilt))
+        self._arrival = self.clock.now() + 300_000_000
 
-    def _wait(self, timeout: float) -> None:  # noqa: ARG002
+    def _remaining(self) -> float:
         number = len(self.moves) - 1
         if number in self.faults:
             raise self.faults.pop(number)
-        self.clock.sleep(0.3)
-        self.still = self.clock.now()
+        return max(0.0, (self._arrival - self.clock.now()) * 1e-9)
+
+    def _stop(self) -> None:
+        self.stops += 1
+        self._arrival = 0
 
     def _position(self) -> Position:
         return Position(self.moves[-1][0] + 1e-5, self.moves[-1][1]) if self.moves else Position(0.0, 0.0)
 
     def _limits(self) -> Limits:
         return Limits((-1.0, 1.0), (-1.0, 1.0))
+
+    def _speed(self) -> float:
+        return 100.0
+
+    def _acceleration(self) -> float:
+        return inf
 
 
 def calibration() -> Calibration:

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from drivers.calibration import Corrections, CyclicTerm, sr3000_calibration
 from drivers.simulation.scene import plate
+from drivers.simulation.scenes import SCENES
 from service.calibration.distance import calibrate_distance
 from service.errors import CalibrationError
 
@@ -51,7 +52,12 @@ def test_known_distances_give_every_error_back(fit):
     assert term.phase == pytest.approx(1.1, abs=0.05)
     found = np.array(fit.corrections.per_pixel)
     assert np.std(found - PATTERN) < 0.003
-    assert fit.after < 0.25 * fit.before  # what remains is noise: 4 frames, 10 mm each at 2 m
+    assert fit.before == pytest.approx(0.03, abs=0.003)
+    assert fit.is_checked
+    # What remains is noise, of the frames held out and of the pattern.
+    assert 0.95 * fit.noise < fit.after < 1.3 * fit.noise
+    assert max(fit.walls) < 0.01
+    assert fit.warnings == ()
     assert fit.distances == pytest.approx(DISTANCES, abs=1e-4)
 
 
@@ -94,6 +100,73 @@ def test_no_wall_in_view_is_refused():
     few = replace(rough, counts=np.where(PATTERN > 0.02, rough.counts, 0).astype(np.uint16))
     with pytest.raises(CalibrationError, match="fill the view with it"):
         calibrate_distance([[few]], CAMERA)
+
+
+@pytest.fixture(scope="module")
+def wedges():
+    studio = Studio(SCENES["wedges"](), CAMERA)
+    return [studio.frame() for _ in range(4)]
+
+
+@pytest.mark.parametrize("at", [None, (3.0,)])
+def test_a_scene_is_no_wall(wedges, at):
+    with pytest.raises(CalibrationError, match=r"wall 1 is no flat wall: off by .* mm RMS, at most 50 mm"):
+        calibrate_distance([wedges], CAMERA, at)
+
+
+def test_the_scene_among_walls_is_named(walls, wedges):
+    with pytest.raises(CalibrationError, match="wall 2 is no flat wall"):
+        calibrate_distance([walls[0], wedges, walls[2]], CAMERA)
+
+
+def test_an_implausible_constant_is_refused(walls):
+    with pytest.raises(CalibrationError, match=r"distances are -1\d\d\d mm off those given"):
+        calibrate_distance(walls[:2], CAMERA, (2.3, 2.7))
+
+
+def test_a_large_constant_is_told(walls):
+    fit = calibrate_distance(walls[:2], CAMERA, (0.7, 1.1))
+    assert fit.corrections.constant == pytest.approx(0.42, abs=0.03)
+    assert any("mm is large: check the distances" in warning for warning in fit.warnings)
+
+
+def test_the_wall_at_another_distance_is_named(walls):
+    with pytest.raises(CalibrationError, match=r"wall 4, given as 2 m away, is measured .* the others"):
+        calibrate_distance(walls, CAMERA, (*DISTANCES[:3], 2.0, *DISTANCES[4:]))
+
+
+def test_a_wall_with_something_before_it_is_told(walls):
+    def shelved(frame):
+        counts = frame.counts.copy()
+        counts[40:90, 30:110] -= np.uint16(0.045 / RANGE * 65536)
+        return replace(frame, counts=counts)
+
+    fit = calibrate_distance([*walls[:5], [shelved(frame) for frame in walls[5]]], CAMERA, DISTANCES)
+    (warning,) = fit.warnings
+    assert warning.startswith("wall 6 fits worse than the others")
+
+
+def test_single_frames_give_no_pattern_and_say_so(walls):
+    fit = calibrate_distance([frames[:1] for frames in walls], CAMERA, DISTANCES)
+    assert fit.corrections.per_pixel == ()
+    assert fit.corrections.constant == pytest.approx(0.12, abs=0.002)
+    assert not fit.is_checked
+    assert "on frames fitted" in str(fit)
+    assert "one frame of a wall does not tell it from noise" in str(fit)
+
+
+def test_noise_is_no_pattern():
+    plain = [wall(1.5, count=4, error=lambda measured: 0.0 * measured)]
+    fit = calibrate_distance(plain, CAMERA, (1.5,))
+    assert fit.corrections.per_pixel == ()
+    assert "none stands out of the noise" in str(fit)
+    assert fit.after == pytest.approx(fit.noise, rel=0.03)
+
+
+def test_a_camera_that_turned_is_refused(walls):
+    turned = [replace(frame, pan=0.01 * number) for number, frame in enumerate(walls[0])]
+    with pytest.raises(CalibrationError, match=r"turned by 1.72° between the 4 frames; expected a camera"):
+        calibrate_distance([turned], CAMERA)
 
 
 def test_distances_must_match_the_walls(walls):

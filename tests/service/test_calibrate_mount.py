@@ -5,8 +5,8 @@ from rendered import Studio
 
 from drivers.calibration import Mount, sr3000_calibration
 from drivers.poses import camera_centre, camera_rotation
+from drivers.position import Position
 from drivers.simulation.board import board_scene
-from drivers.stage import Position
 from service.calibration.board import Board, Sighting, find_board
 from service.calibration.mount import View, calibrate_mount
 from service.errors import CalibrationError

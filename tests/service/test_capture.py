@@ -11,16 +11,20 @@ from drivers import (
     DeviceLostError,
     DeviceTimeoutError,
     Frame,
+    LimitError,
     NotAvailableError,
     OperationError,
     RecordingError,
 )
 from drivers.clock import VirtualClock
-from service.capture.burst import Burst
-from service.capture.loop import Capture, CarriedBursts, Grabber, ScanBursts, exposure_start
-from service.capture.plan import make_plan
+from service.capture.control import Control
+from service.capture.loop import CarriedBursts, Grabber, ScanBursts
 from service.capture.rig import Rig
-from service.config import PlanSection
+from service.capture.series import Capture
+from service.config.sections import PlanSection
+from service.errors import MotionError
+from service.messages.burst import Burst
+from service.planning.plan import make_plan
 
 SETTLE = 0.05
 
@@ -36,7 +40,7 @@ class Scene:
         self.rig.open()
         self.stop = Event()
         self.shown: list[Frame] = []
-        self.grabber = Grabber(self.rig, 2.0, self.stop, self.shown.append)
+        self.grabber = Grabber(self.rig, 2.0, Control(self.stop), self.shown.append)
         if carried is None:
             self.plan = make_plan(PlanSection(), frames, self.rig.calibration.intrinsics)
             bursts = ScanBursts(self.grabber, self.plan, SETTLE, 10.0)
@@ -71,17 +75,41 @@ def test_each_pose_is_reached_settled_and_stamped_with_the_reported_angles() -> 
 def test_no_frame_was_exposed_before_the_stage_stood_still() -> None:
     scene = Scene()
     settled = []
-    wait = scene.stage._wait
+    wait = scene.stage.wait
 
     def observed(timeout: float) -> None:
         wait(timeout)
         settled.append(scene.clock.now() + round(SETTLE * 1e9))
 
-    scene.stage._wait = observed  # type: ignore[method-assign]
+    scene.stage.wait = observed  # type: ignore[method-assign]
     (burst,) = scene.take(1)
-    assert all(exposure_start(f) >= at for f, at in zip(burst.frames, settled, strict=True))
+    assert all(scene.camera.exposure_start(f) >= at for f, at in zip(burst.frames, settled, strict=True))
     assert scene.counts.stale > 0, "the camera ran while the stage moved, so some frames must have been stale"
     assert scene.counts.dropped == 0, "frames that pass while the stage moves are nobody's loss"
+
+
+def test_where_nothing_moves_nothing_is_stale() -> None:
+    scene = Scene()
+    scene.plan.offsets[:] = 0
+    scene.take(3)
+    assert len(scene.stage.moves) == 1
+    assert scene.counts.frames == 15
+    assert scene.counts.stale == 3, "only what came while the stage was sent there"
+
+
+def test_a_stage_that_was_moved_meanwhile_is_sent_back() -> None:
+    scene = Scene()
+    scene.plan.offsets[:] = 0
+    scene.take(1)
+    scene.stage._move_to(0.1, 0.0)
+    scene.take(1)
+    assert len(scene.stage.moves) == 3
+
+
+def test_an_unknown_integration_time_is_taken_as_the_longest() -> None:
+    scene = Scene()
+    unknown = frame(0, 10**9, integration_time=None, timestamp_uncertainty=10**6)
+    assert scene.camera.exposure_start(unknown) == 10**9 - 10**6 - 2 * 10**8
 
 
 def test_bursts_follow_one_another() -> None:
@@ -96,7 +124,7 @@ def test_a_garbled_frame_is_tried_again() -> None:
     assert len(burst.frames) == 5
     assert scene.counts.faults == 2
     assert scene.counts.interrupted == scene.rig.reopened == 0
-    assert "no frame" in scene.counts.error
+    assert scene.counts.error == ""  # it is over
 
 
 def test_a_lost_camera_is_opened_again_and_the_burst_taken_anew() -> None:
@@ -128,11 +156,40 @@ def test_a_fault_that_stays_is_a_lost_device() -> None:
     assert scene.counts.lost == 1
 
 
-def test_a_stage_that_sticks_once_is_tried_again() -> None:
-    scene = Scene(stage_faults={2: DeviceTimeoutError("still moving")})
-    (burst,) = scene.take(1)
-    assert len(burst.frames) == 5
-    assert scene.counts.faults == 1
+FINAL = [DeviceTimeoutError("still moving"), OperationError("refused"), LimitError("ran into its limit")]
+
+
+@pytest.mark.parametrize("fault", FINAL, ids=lambda fault: type(fault).__name__)
+def test_after_a_failed_movement_nothing_moves_by_itself(fault: Exception) -> None:
+    scene = Scene(stage_faults={2: fault})
+    with pytest.raises(MotionError, match=f"{fault}; it stands still until started again"):
+        scene.take(1)
+    assert (len(scene.stage.moves), scene.stage.homings, scene.rig.reopened) == (3, 0, 0)
+    assert scene.stage.stops == 1
+
+
+def test_a_frame_that_is_tried_again_moves_nothing() -> None:
+    scene = Scene(camera_faults={2: OperationError("garbled")})
+    scene.take(1)
+    assert len(scene.stage.moves) == 5
+
+
+def test_a_lost_camera_stops_the_stage_and_leaves_it_open() -> None:
+    scene = Scene(camera_faults={6: DeviceLostError("unplugged")})
+    opened = []
+    scene.stage._open = lambda: opened.append(True)  # type: ignore[method-assign]
+    scene.take(1)
+    assert scene.stage.stops == 1
+    assert opened == [], "many stages forget where they are when they are opened"
+
+
+def test_told_to_stop_in_the_middle_of_a_movement_it_stops_the_stage() -> None:
+    scene = Scene()
+    after = scene.clock.now() + 100_000_000
+    scene.stage.interrupted = lambda: scene.clock.now() > after
+    assert scene.take(1) == []
+    assert scene.stage.stops == 1
+    assert scene.clock.now() - after < 0.2e9
 
 
 def test_a_lost_stage_interrupts_the_burst() -> None:
@@ -160,7 +217,7 @@ def test_frames_that_stay_too_old_are_an_error_with_a_reason() -> None:
 
     scene.camera._grab = late  # type: ignore[method-assign]
     with pytest.raises(OperationError, match="check the camera's timestamps"):
-        scene.capture._bursts.take(0)
+        scene.capture._source.take(0)
 
 
 def test_stopping_ends_in_the_middle_of_a_burst() -> None:
@@ -228,9 +285,17 @@ def test_a_pause_in_a_recording_is_no_fault() -> None:
     assert scene.counts.lost == 0
 
 
-def test_frames_that_do_not_fit_together_are_refused() -> None:
+def test_frames_that_do_not_fit_together_are_bursts_of_their_own() -> None:
     odd = np.zeros((5, 5), np.uint16)
+    scene = Scene(carried=[frame(0, burst=0), frame(1, burst=0, counts=odd, amplitude=odd)])
     with pytest.raises(RecordingError, match=r"5 × 5 pixels; its calibration is for 4 × 6"):
-        Scene(carried=[frame(0, burst=0), frame(1, burst=0, counts=odd, amplitude=odd)]).take(1)
+        scene.take(2)
+    bursts = Scene(carried=[frame(0, burst=0), frame(1, burst=0, ambiguity_range=5.0)]).take(2)
+    assert [[f.ambiguity_range for f in burst.frames] for burst in bursts] == [[7.5], [5.0]]
+
+
+def test_a_burst_of_frames_that_do_not_fit_together_is_refused() -> None:
+    frames = frame(0, burst=0), frame(1, burst=0, ambiguity_range=5.0)
+    calibration = Scene(carried=[]).rig.calibration
     with pytest.raises(RecordingError, match=r"mixes ambiguity ranges of 7\.5 m and 5 m"):
-        Scene(carried=[frame(0, burst=0), frame(1, burst=0, ambiguity_range=5.0)]).take(1)
+        Burst(0, frames, calibration, 2)

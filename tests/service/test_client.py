@@ -8,26 +8,26 @@ from typing import Any
 
 import numpy as np
 import pytest
+from publishing import publishing
 
 from drivers import Frame, sr3000_calibration
 from drivers.messages import calibration_message, frame_messages
 from service.errors import RemoteError, SessionError
-from service.fusion.fusion import FusedBurst
+from service.messages.decoding import Received, decode
+from service.messages.encoding import fused_messages
+from service.messages.events import MapFused
+from service.messages.map import FusedMap
 from service.wire.client import Client
-from service.wire.decoding import Received, decode
-from service.wire.messages import fused_messages, points_message
-from service.wire.publisher import Publisher
 from service.wire.session import open_session
 
 WEDGES = Path(__file__).parents[2] / "recordings" / "wedges.mcap"
 
 
-def test_latest_depth_comes_with_its_intrinsics(endpoint: str, fused: Callable[[int], FusedBurst]) -> None:
+def test_latest_depth_comes_with_its_intrinsics(endpoint: str, fused: Callable[[int], FusedMap]) -> None:
     result = fused(2)
-    with open_session([endpoint]) as session, Publisher(session) as publisher, Client(endpoint) as client:
+    with open_session([endpoint]) as session, publishing(session) as publisher, Client(endpoint) as client:
         publisher.publish(fused_messages(fused(1)))
-        publisher.publish(fused_messages(result))
-        publisher.publish_lazily("fused/points", lambda: points_message(result))
+        publisher.take(MapFused(result, None))
         assert publisher.drain()
         depth = client.latest("fused/depth")
         np.testing.assert_array_equal(depth.value, result.depth)
@@ -43,19 +43,19 @@ def test_latest_depth_comes_with_its_intrinsics(endpoint: str, fused: Callable[[
         np.testing.assert_allclose(points["z"], result.depth[np.isfinite(result.depth)], rtol=1e-6)
 
 
-def test_a_client_may_be_there_before_the_service(endpoint: str, fused: Callable[[int], FusedBurst]) -> None:
+def test_a_client_may_be_there_before_the_service(endpoint: str, fused: Callable[[int], FusedMap]) -> None:
     with ExitStack() as stack:
         client = stack.enter_context(Client(endpoint))
         reports = stack.enter_context(client.subscribe("fused/report"))
         session = stack.enter_context(open_session([endpoint]))
-        stack.enter_context(Publisher(session)).publish(fused_messages(fused(7)))
+        stack.enter_context(publishing(session)).publish(fused_messages(fused(7)))
         assert reports.receive(timeout=20).value["burst"] == 7
 
 
 def test_subscribers_get_the_latest_first_and_then_what_comes(
-    endpoint: str, fused: Callable[[int], FusedBurst]
+    endpoint: str, fused: Callable[[int], FusedMap]
 ) -> None:
-    with open_session([endpoint]) as session, Publisher(session) as publisher, Client(endpoint) as client:
+    with open_session([endpoint]) as session, publishing(session) as publisher, Client(endpoint) as client:
         publisher.publish(fused_messages(fused(1)))
         assert publisher.drain()
         with client.subscribe("fused/report") as reports:
@@ -68,7 +68,7 @@ def test_subscribers_get_the_latest_first_and_then_what_comes(
 
 
 def test_a_handler_is_called_with_each_message_and_one_that_fails_is_called_again(
-    endpoint: str, fused: Callable[[int], FusedBurst], caplog: pytest.LogCaptureFixture
+    endpoint: str, fused: Callable[[int], FusedMap], caplog: pytest.LogCaptureFixture
 ) -> None:
     bursts: list[int] = []
 
@@ -77,7 +77,7 @@ def test_a_handler_is_called_with_each_message_and_one_that_fails_is_called_agai
         if report.value["burst"] == 1:
             raise ValueError("not this one")
 
-    with open_session([endpoint]) as session, Publisher(session) as publisher, Client(endpoint) as client:
+    with open_session([endpoint]) as session, publishing(session) as publisher, Client(endpoint) as client:
         publisher.publish(fused_messages(fused(1)))
         assert publisher.drain()
         client.subscribe("fused/report", handle)
@@ -93,8 +93,8 @@ def test_a_handler_is_called_with_each_message_and_one_that_fails_is_called_agai
     assert "the handler of fused/report failed" in caplog.text
 
 
-def test_a_slow_reader_of_images_gets_the_newest(endpoint: str, fused: Callable[[int], FusedBurst]) -> None:
-    with open_session([endpoint]) as session, Publisher(session) as publisher, Client(endpoint) as client:
+def test_a_slow_reader_of_images_gets_the_newest(endpoint: str, fused: Callable[[int], FusedMap]) -> None:
+    with open_session([endpoint]) as session, publishing(session) as publisher, Client(endpoint) as client:
         publisher.publish(fused_messages(fused(1)))
         assert publisher.drain()
         with client.subscribe("fused/depth") as images, client.subscribe("fused/report") as reports:
@@ -112,7 +112,7 @@ def test_raw_frames_come_with_the_cameras_calibration(endpoint: str) -> None:
     calibration = sr3000_calibration()
     counts = np.arange(144 * 176, dtype=np.uint16).reshape(144, 176)
     frame = Frame(counts, counts, 1_700_000_000_000_000_000, 3, 0.0, 0.0, 0.03, 20e6, 7.5)
-    with open_session([endpoint]) as session, Publisher(session) as publisher, Client(endpoint) as client:
+    with open_session([endpoint]) as session, publishing(session) as publisher, Client(endpoint) as client:
         publisher.publish([calibration_message(calibration, frame.timestamp)])
         with client.subscribe("camera/distance") as images:
             deadline = time.monotonic() + 20
@@ -136,7 +136,7 @@ def test_errors_say_what_is_missing(endpoint: str) -> None:
             client.latest("fused/dept")
         with pytest.raises(RemoteError, match="no topic is called 'cmd/scan'"):
             client.subscribe("cmd/scan")
-        with open_session([endpoint]) as session, Publisher(session):
+        with open_session([endpoint]) as session, publishing(session):
             while True:
                 with pytest.raises(RemoteError) as caught:
                     client.latest("fused/depth", timeout=0.3)

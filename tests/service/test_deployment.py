@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 import zenoh
+from publishing import publishing
 
 from service.errors import RemoteError
-from service.fusion.fusion import FusedBurst
+from service.messages.encoding import fused_messages
+from service.messages.map import FusedMap
 from service.wire.client import Client
-from service.wire.messages import fused_messages
-from service.wire.publisher import Publisher
 from service.wire.session import open_session
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
@@ -25,7 +25,7 @@ def with_endpoint(name: str, old: str, new: str, directory: Path) -> Path:
 
 
 def test_a_client_of_the_router_sees_the_rig_under_its_namespace_but_cannot_control_it(
-    tmp_path: Path, free_endpoint: Callable[[], str], fused: Callable[[int], FusedBurst]
+    tmp_path: Path, free_endpoint: Callable[[], str], fused: Callable[[int], FusedMap]
 ) -> None:
     router_at, rig_at = free_endpoint(), free_endpoint()
     router_file = with_endpoint("zenoh-router.json5", "tcp/0.0.0.0:7447", router_at, tmp_path)
@@ -40,7 +40,7 @@ def test_a_client_of_the_router_sees_the_rig_under_its_namespace_but_cannot_cont
     with (
         open_session(file=router_file),
         open_session([rig_at], file=rig_file) as session,
-        Publisher(session) as publisher,
+        publishing(session) as publisher,
         session.declare_queryable(publisher.key("cmd/scan"), answer),
         Client(router_at, prefix="bench/lidarboost/rig") as distant,
         Client(rig_at, prefix="bench/lidarboost/rig") as near,

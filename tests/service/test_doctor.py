@@ -1,6 +1,7 @@
 import json
 import os
 import pty
+import re
 import socket
 from pathlib import Path
 
@@ -10,11 +11,13 @@ from typer.testing import CliRunner
 from drivers.errors import NotAvailableError
 from drivers.listing import FoundDevice
 from service.cli import app
-from service.config import CameraSection, Configuration, RecordingSection, StageSection, ZenohSection
+from service.config.sections import CameraSection, Configuration, RecordingSection, StageSection, ZenohSection
 from service.doctor import host, serial_ports, udev_rules, usb
 from service.doctor.host import check_clock, check_disk, check_zenoh
+from service.doctor.kernels import check_kernels
 from service.doctor.serial_ports import check_serial
 from service.doctor.usb import check_udev, check_usb, check_vendor_library
+from solver.kernels.survey import Survey
 
 PLAIN = Configuration()
 
@@ -138,6 +141,33 @@ def test_zenoh_port_in_use(monkeypatch):
     assert only(check_zenoh(missing)).state == "problem"
 
 
+def test_kernels_in_every_condition(tmp_path, monkeypatch):
+    def found(**changes):
+        known = {"folder": tmp_path, "compiled": 60, "kernels": 90, "fault": None} | changes
+        monkeypatch.setattr("solver.kernels.survey.survey", lambda: Survey(**known))
+        return only(check_kernels(PLAIN))
+
+    check = found()
+    said = f"60 of 90 kernels lie compiled in {tmp_path}"
+    assert (check.state, check.finding) == ("ok", f"{said}; others are kept when they are compiled")
+    check = found(compiled=0)
+    assert check.state == "warning"
+    assert "the first map takes minutes" in check.finding
+    assert check.remedy.endswith(' -c "from solver.warming import warm_up; warm_up()"')
+    check = found(fault="/x: Read-only file system")
+    assert check.state == "warning"
+    assert "(/x: Read-only file system)" in check.finding
+    assert "NUMBA_CACHE_DIR" in check.remedy
+    assert found(folder=None, kernels=0, compiled=0).state == "problem"
+
+
+def test_kernels_are_counted_where_they_lie():
+    (check,) = check_kernels(PLAIN)
+    compiled, total = re.match(r"(\d+) of (\d+) kernels lie compiled in /", check.finding).groups()
+    assert 0 <= int(compiled) <= int(total)
+    assert int(total) > 50
+
+
 def test_disk(tmp_path, monkeypatch):
     configuration = Configuration(recording=RecordingSection(directory=tmp_path / "new" / "folder"))
 
@@ -173,7 +203,7 @@ def test_command_says_everything_and_ends_with_the_verdict(tmp_path, monkeypatch
     config.write_text('[stage]\nbackend = "ptu"\noptions = { port = "/dev/no-such-port" }\n')
     done = CliRunner().invoke(app, ["doctor", "-c", str(config)])
     assert done.exit_code == 1
-    for name in ("USB", "udev rule", "vendor library", "serial port", "Zenoh", "disk", "clock"):
+    for name in ("USB", "udev rule", "vendor library", "serial port", "Zenoh", "kernels", "disk", "clock"):
         assert f" {name}: " in done.stdout
     assert "→ plug the stage in" in done.stdout
     as_json = json.loads(CliRunner().invoke(app, ["doctor", "-c", str(config), "--json"]).stdout)

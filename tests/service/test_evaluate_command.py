@@ -3,14 +3,19 @@
 import csv
 import io
 import json
+import tempfile
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from service.cli import app
 from service.evaluation.truth import TruthError, load_truth
 from solver.errors import FusionInputError
+from tests.hostile import PROFILE, assert_one_clear_line, torn
 
 QUICK = ("--seeds", "1", "--variance", "0.7", "--frames", "4", "--exact-shifts")
 
@@ -154,3 +159,35 @@ def test_wrong_usage_is_one_clear_line(command, arguments, status, words):
     assert code == status
     assert words in said
     assert len(said.strip().splitlines()) == 1
+
+
+@PROFILE
+@given(st.sampled_from([".npy", ".npz", ".png"]), st.data())
+def test_a_damaged_file_is_read_or_refused_in_a_line(suffix, data):
+    image = np.add.outer(np.arange(40.0), np.arange(50.0))
+    stream = io.BytesIO()
+    match suffix:
+        case ".npy":
+            np.save(stream, image)
+        case ".npz":
+            np.savez_compressed(stream, truth=image, other=np.array("text"))
+        case ".png":
+            stream.write(cv2.imencode(suffix, image.astype(np.uint16))[1].tobytes())
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"map{suffix}"
+        path.write_bytes(data.draw(torn(stream.getvalue())))
+        try:
+            load_truth(path)
+        except (TruthError, FusionInputError) as error:
+            assert_one_clear_line(error)
+
+
+@pytest.mark.parametrize("array", [np.array(3.0), np.zeros((0, 4)), np.zeros((2, 3, 4)), np.array(["a"])])
+def test_arrays_that_are_no_map_are_refused(tmp_path, array):
+    np.savez(tmp_path / "map.npz", truth=array)
+    with pytest.raises(TruthError, match=r"expected \(rows, columns\)|not a NumPy archive of numbers"):
+        load_truth(tmp_path / "map.npz")
+    np.save(tmp_path / "map.npy", array)
+    (tmp_path / "map.npy").rename(tmp_path / "plain.npz")
+    with pytest.raises(TruthError, match="not a NumPy archive of numbers"):
+        load_truth(tmp_path / "plain.npz")

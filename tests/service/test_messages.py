@@ -9,13 +9,13 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
 from drivers.messages import Message
-from service.fusion.fusion import FusedBurst
-from service.fusion.report import BurstReport
-from service.topics import TOPICS
-from service.wire.messages import fused_messages, log_message, points_message
+from service.messages.encoding import fused_messages, log_message, points_message
+from service.messages.map import FusedMap
+from service.messages.report import BurstReport
+from service.messages.topics import TOPICS
 
 
-def by_topic(result: FusedBurst) -> dict[str, Message]:
+def by_topic(result: FusedMap) -> dict[str, Message]:
     return {message.topic: message for message in fused_messages(result)}
 
 
@@ -25,7 +25,7 @@ def image(message: Message) -> np.ndarray:
     return np.frombuffer(raw.data, "<f4").reshape(raw.height, raw.width)
 
 
-def test_depth_is_metric_and_unknown_pixels_are_nan(fused: Callable[[int], FusedBurst]) -> None:
+def test_depth_is_metric_and_unknown_pixels_are_nan(fused: Callable[[int], FusedMap]) -> None:
     result = fused(1)
     depth = image(by_topic(result)["fused/depth"])
     assert depth.shape == (72, 88)
@@ -38,7 +38,7 @@ def test_depth_is_metric_and_unknown_pixels_are_nan(fused: Callable[[int], Fused
     np.testing.assert_allclose(depth[40:, 40:], distance / length, rtol=1e-6)
 
 
-def test_deviation_is_that_of_the_depth(fused: Callable[[int], FusedBurst]) -> None:
+def test_deviation_is_that_of_the_depth(fused: Callable[[int], FusedMap]) -> None:
     result = fused(1)
     messages = by_topic(result)
     deviation, depth = image(messages["fused/deviation"]), image(messages["fused/depth"])
@@ -49,7 +49,7 @@ def test_deviation_is_that_of_the_depth(fused: Callable[[int], FusedBurst]) -> N
 
 
 def test_every_message_has_the_time_of_the_reference_frame_and_the_schema_of_the_table(
-    fused: Callable[[int], FusedBurst],
+    fused: Callable[[int], FusedMap],
 ) -> None:
     result = fused(3)
     for message in [*fused_messages(result), points_message(result)]:
@@ -61,14 +61,14 @@ def test_every_message_has_the_time_of_the_reference_frame_and_the_schema_of_the
     assert cloud.frame_id == "camera"
 
 
-def test_calibration_is_that_of_the_fused_image_and_comes_first(fused: Callable[[int], FusedBurst]) -> None:
+def test_calibration_is_that_of_the_fused_image_and_comes_first(fused: Callable[[int], FusedMap]) -> None:
     message = fused_messages(fused(1))[0]
     calibration = CameraCalibration.FromString(message.payload)
     assert (calibration.width, calibration.height) == (88, 72)
     np.testing.assert_allclose(calibration.K, [400, 0, 43.5, 0, 400, 35.5, 0, 0, 1])
 
 
-def test_points_lie_where_the_depth_says(fused: Callable[[int], FusedBurst]) -> None:
+def test_points_lie_where_the_depth_says(fused: Callable[[int], FusedMap]) -> None:
     result = fused(1)
     cloud = PointCloud.FromString(points_message(result).payload)
     assert [field.name for field in cloud.fields] == ["x", "y", "z", "amplitude", "deviation"]
@@ -82,7 +82,7 @@ def test_points_lie_where_the_depth_says(fused: Callable[[int], FusedBurst]) -> 
     np.testing.assert_allclose(values[:, 4], result.deviation[known])
 
 
-def test_report_reads_back_and_without_amplitude_none_is_sent(fused: Callable[[int], FusedBurst]) -> None:
+def test_report_reads_back_and_without_amplitude_none_is_sent(fused: Callable[[int], FusedMap]) -> None:
     result = fused(1)
     messages = by_topic(result)
     assert BurstReport.model_validate_json(messages["fused/report"].payload) == result.report

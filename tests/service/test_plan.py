@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from drivers import Limits, sr3000_calibration
-from service.capture.plan import coverage, lattice, make_plan
-from service.config import PlanSection
+from service.config.sections import PlanSection
 from service.errors import PlanError
+from service.planning.plan import coverage, lattice, make_plan
 
 INTRINSICS = sr3000_calibration().intrinsics
 

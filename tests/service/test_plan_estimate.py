@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from drivers.calibration import Mount, sr3000_calibration
+from drivers.position import Limits
 from drivers.simulated import SimulatedStage
-from drivers.stage import Limits
-from service.capture.estimate import estimate_plan
-from service.capture.plan import make_plan
-from service.config import PlanSection
+from service.config.sections import PlanSection
+from service.planning.estimate import estimate_plan
+from service.planning.plan import make_plan
 
 CAMERA = sr3000_calibration()
 
@@ -68,8 +68,8 @@ def test_camera_on_the_axes_has_no_parallax():
 
 def test_a_stage_that_only_pans_gets_a_plan_it_can_run(caplog):
     from service.capture.rig import make_rig
-    from service.config import CameraSection, Configuration, StageSection
-    from service.daemon import Daemon
+    from service.config.sections import CameraSection, Configuration, StageSection
+    from service.daemon.modes import planned
 
     class PanOnly(SimulatedStage):
         def _limits(self):
@@ -83,9 +83,9 @@ def test_a_stage_that_only_pans_gets_a_plan_it_can_run(caplog):
     rig.stage = PanOnly()
     rig.open()
     try:
-        bursts = Daemon(configuration, rig)._bursts()
+        plan = planned(configuration, rig, 15)
     finally:
         rig.close()
-    assert {pose.tilt for pose in bursts._plan.poses} == {0.0}
-    assert len({pose.pan for pose in bursts._plan.poses}) == 15
+    assert {pose.tilt for pose in plan.poses} == {0.0}
+    assert len({pose.pan for pose in plan.poses}) == 15
     assert "the rows stay unresolved" in caplog.text

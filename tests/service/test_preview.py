@@ -1,5 +1,6 @@
 """Pictures of a burst: what they show, and that they are written whole."""
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,16 +9,20 @@ import numpy as np
 import pytest
 
 from drivers import sr3000_calibration
-from service.capture.burst import Burst
-from service.config import FusionSection
-from service.fusion.fusion import FusedBurst, fuse_burst
-from service.fusion.quality import error_map, judge
-from service.output.preview import draw, write_preview
-from service.output.shading import shade
+from service.config.sections import FusionSection
+from service.errors import OutputError
+from service.fusion.fuse import fuse_burst
+from service.messages.burst import Burst
+from service.messages.events import MapFused
+from service.messages.map import FusedMap
+from service.messages.quality import error_map, judge
+from service.sinks.drawing import Picture, write_preview
+from service.sinks.pictures import Pictures
+from service.sinks.shading import Surface
 
 
 @pytest.fixture(scope="module")
-def step() -> FusedBurst:
+def step() -> FusedMap:
     """A step in distance, 2 m to 2.5 m, with a hole that nothing was seen in."""
     from scripted import frame
 
@@ -36,8 +41,8 @@ def step() -> FusedBurst:
 TRUTH = np.where(np.arange(88) < 44, 2.0, 2.5).astype(np.float32) * np.ones((72, 1), np.float32)
 
 
-def test_the_picture_has_six_panels_with_units(step: FusedBurst) -> None:
-    figure = draw(step, TRUTH)
+def test_the_picture_has_six_panels_with_units(step: FusedMap) -> None:
+    figure = Picture(step, TRUTH).figure
     labels = {axes.get_ylabel() for axes in figure.axes}
     assert {"distance, m", "amplitude, counts", "depth, m", "fused − true distance, mm"} <= labels
     titles = [axes.get_title() for axes in figure.axes]
@@ -45,27 +50,42 @@ def test_the_picture_has_six_panels_with_units(step: FusedBurst) -> None:
     assert "RMS error" in figure.get_suptitle()
 
 
-def test_without_a_truth_it_shows_the_deviation(step: FusedBurst) -> None:
+def test_without_a_truth_it_shows_the_deviation(step: FusedMap) -> None:
     for missing in (None, np.zeros((5, 5), np.float32)):
-        figure = draw(step, missing)
+        figure = Picture(step, missing).figure
         assert "standard deviation, mm" in {axes.get_ylabel() for axes in figure.axes}
         assert "median deviation" in figure.get_suptitle()
 
 
-def test_it_is_written_whole_or_not_at_all(step: FusedBurst, tmp_path: Path) -> None:
+def test_it_is_written_whole_or_not_at_all(step: FusedMap, tmp_path: Path) -> None:
     write_preview(tmp_path / "a.png", step)
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
     assert cv2.imread(str(tmp_path / "a.png")).shape[:2] == (860, 1600)
-    with pytest.raises(OSError, match="nowhere"):
+    with pytest.raises(OutputError, match="nowhere"):
         write_preview(tmp_path / "nowhere" / "a.png", step)
 
 
-def test_a_map_of_nothing_can_be_drawn_too(step: FusedBurst) -> None:
+def test_the_next_map_is_drawn_in_the_same_layout_as_if_it_were_the_first(
+    step: FusedMap, tmp_path: Path
+) -> None:
+    other = replace(step, depth=step.depth + 1, distance=step.distance + 1)
+    picture = Picture(step, TRUTH)
+    picture.save(tmp_path / "first.png")
+    picture.show(other, TRUTH)
+    picture.save(tmp_path / "again.png")
+    write_preview(tmp_path / "anew.png", other, TRUTH)
+    again, anew = (cv2.imread(str(tmp_path / name)).astype(int) for name in ("again.png", "anew.png"))
+    assert np.mean(np.abs(again - anew) > 8) < 0.08, "but for a shift of some labels they are the same"
+    first = cv2.imread(str(tmp_path / "first.png")).astype(int)
+    assert np.mean(np.abs(again - first) > 8) > 0.1
+
+
+def test_a_map_of_nothing_can_be_drawn_too(step: FusedMap) -> None:
     nothing = np.full_like(step.distance, np.nan)
-    draw(replace(step, distance=nothing, depth=nothing, deviation=nothing), None)
+    Picture(replace(step, distance=nothing, depth=nothing, deviation=nothing), None)
 
 
-def test_errors_are_those_of_the_pixels_that_all_know(step: FusedBurst) -> None:
+def test_errors_are_those_of_the_pixels_that_all_know(step: FusedMap) -> None:
     error = error_map(step, TRUTH)
     assert error is not None
     assert np.nanmax(np.abs(error)) < 2e-4
@@ -83,11 +103,26 @@ def test_a_surface_faces_its_viewer_and_hides_what_is_behind_it() -> None:
     rows, columns = np.mgrid[:48, :64]
     ray = np.sqrt(1 + ((columns - 31.5) / 200) ** 2 + ((rows - 23.5) / 200) ** 2)
     wall = (2.0 * ray).astype(np.float32)
-    picture = shade(wall, K, None, yaw=0.0, pitch=0.0)
+    picture = Surface(wall, K, None).seen_from(0.0, 0.0)
     seen = picture[np.isfinite(picture)]
     assert np.ptp(seen) < 0.01, "a flat wall is evenly lit"
-    askew = shade(wall, K, None, yaw=0.5, pitch=0.0)
+    askew = Surface(wall, K, None).seen_from(0.5, 0.0)
     assert not np.isclose(np.nanmedian(askew), np.nanmedian(picture), atol=0.01)
     wall[20:28, 28:36] *= 0.5
-    holed = shade(wall, K, None, yaw=0.6, pitch=0.0)
+    holed = Surface(wall, K, None).seen_from(0.6, 0.0)
     assert np.isnan(holed[200:280, 100:540]).any(), "seen askew, the block leaves a shadow on the wall"
+
+
+@pytest.mark.parametrize(("lossless", "niceness"), [(False, 15), (True, 5)])
+def test_who_draws_gives_way_to_all_but_a_run_that_waits(
+    step: FusedMap, tmp_path: Path, lossless: bool, niceness: int
+) -> None:
+    pictures = Pictures(tmp_path, lossless=lossless)
+    pictures.open()
+    try:
+        pictures.take(MapFused(step, None))
+        own = os.getpriority(os.PRIO_PROCESS, 0)
+        assert os.getpriority(os.PRIO_PROCESS, pictures._worker.pid) == min(19, own + niceness)
+    finally:
+        pictures.close()
+    assert [path.name for path in tmp_path.iterdir()] == ["burst-0003.png"]

@@ -17,14 +17,16 @@ from typing import Any
 import numpy as np
 import pytest
 import zenoh
+from publishing import publishing
 
 from drivers.messages import Message, Schema
 from service.errors import SessionError
-from service.fusion.fusion import FusedBurst
+from service.messages import encoding
+from service.messages.encoding import fused_messages
+from service.messages.events import MapFused
+from service.messages.map import FusedMap
 from service.wire.addresses import DEFAULT_PREFIX
-from service.wire.messages import fused_messages, points_message
-from service.wire.publisher import Publisher
-from service.wire.session import open_session
+from service.wire.session import _configuration, open_session
 
 LISTENER = Path(__file__).with_name("listener.py")
 BLOB = Schema("foxglove.Log", "protobuf", b"")
@@ -68,15 +70,17 @@ def hashes(messages: list[Message]) -> dict[str, str]:
 
 
 def test_a_subscriber_in_another_process_receives_and_decodes_a_fused_map(
-    endpoint: str, fused: Callable[[int], FusedBurst]
+    endpoint: str, fused: Callable[[int], FusedMap]
 ) -> None:
     result = fused(1)
     sent = fused_messages(result)
-    with open_session([endpoint]) as session, Publisher(session) as publisher:
-        with listener(session, endpoint, DEFAULT_PREFIX, str(len(sent))) as process:
-            publisher.publish(sent)
-            got = told(process)
-        assert publisher.dropped == {}
+    with (
+        open_session([endpoint]) as session,
+        publishing(session) as publisher,
+        listener(session, endpoint, DEFAULT_PREFIX, str(len(sent))) as process,
+    ):
+        publisher.publish(sent)
+        got = told(process)
     assert {topic: row["sha256"] for topic, row in got.items()} == hashes(sent)
     depth = got["fused/depth"]
     assert depth["encoding"] == "application/protobuf;foxglove.RawImage"
@@ -90,10 +94,10 @@ def test_a_subscriber_in_another_process_receives_and_decodes_a_fused_map(
 
 
 def test_late_subscribers_and_queries_receive_the_latest(
-    endpoint: str, fused: Callable[[int], FusedBurst]
+    endpoint: str, fused: Callable[[int], FusedMap]
 ) -> None:
     sent = [fused_messages(fused(number)) for number in (1, 2, 3)]
-    with open_session([endpoint]) as session, Publisher(session) as publisher:
+    with open_session([endpoint]) as session, publishing(session) as publisher:
         for messages in sent:
             publisher.publish(messages)
         assert publisher.drain()
@@ -104,26 +108,30 @@ def test_late_subscribers_and_queries_receive_the_latest(
 
 
 def test_points_are_made_only_when_somebody_wants_them(
-    endpoint: str, fused: Callable[[int], FusedBurst]
+    endpoint: str, fused: Callable[[int], FusedMap], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made: list[int] = []
+    make = encoding.points_message
 
-    def make(number: int) -> Message:
-        made.append(number)
-        return points_message(fused(number))
+    def counted(result: FusedMap) -> Message:
+        made.append(result.report.burst)
+        return make(result)
 
-    with open_session([endpoint]) as session, Publisher(session) as publisher:
-        publisher.publish_lazily("fused/points", lambda: make(1))
+    monkeypatch.setattr(encoding, "points_message", counted)
+    with open_session([endpoint]) as session, publishing(session) as publisher:
+        publisher.take(MapFused(fused(1), None))
         assert publisher.drain()
         assert made == []
-        with listening(endpoint, DEFAULT_PREFIX, "1", "--get", "fused/points") as query:
-            answer = told(query)["fused/points"]
+        for _ in range(2):
+            with listening(endpoint, DEFAULT_PREFIX, "1", "--get", "fused/points") as query:
+                answer = told(query)["fused/points"]
         assert made == [1]
         assert answer["fields"] == ["x", "y", "z", "amplitude", "deviation"]
         assert answer["points"] == int(np.isfinite(fused(1).depth).sum())
-        with listener(session, endpoint, DEFAULT_PREFIX, "1") as process:
-            publisher.publish_lazily("fused/points", lambda: make(2))
-            assert told(process)["fused/points"]["timestamp"] == fused(2).frame.timestamp
+        with listener(session, endpoint, f"{DEFAULT_PREFIX}/fused/points", "1") as process:
+            publisher.take(MapFused(fused(2), None))
+            (row,) = told(process).values()
+            assert row["timestamp"] == fused(2).frame.timestamp
         assert made == [1, 2]
 
 
@@ -166,7 +174,7 @@ def test_closing_waits_for_a_subscriber_that_reads_late(
     sent = [Message("fused/depth", BLOB, bytes([number]) * 1_600_000, 0, number) for number in range(4)]
     with ExitStack() as stack:
         session = stack.enter_context(open_session([endpoint], file=file))
-        publisher = stack.enter_context(Publisher(session, lossless=True))
+        publisher = stack.enter_context(publishing(session, lossless=True))
         reader = stack.enter_context(stopped_reader(session, endpoint, len(sent)))
         publisher.publish(sent)
         assert not publisher.drain(timeout=0.2)
@@ -175,19 +183,20 @@ def test_closing_waits_for_a_subscriber_that_reads_late(
         publisher.close()
         session.close()  # type: ignore[no-untyped-call]
         resume.join()
+        assert publisher.losses == ()
         assert reader.stdout is not None
         assert [int(line) for line in reader.stdout] == [0, 1, 2, 3]
 
 
 def test_a_stuck_subscriber_holds_up_neither_live_publishing_nor_others(
-    endpoint: str, fused: Callable[[int], FusedBurst]
+    endpoint: str, fused: Callable[[int], FusedMap]
 ) -> None:
     raw = [Message("camera/distance", BLOB, bytes(50_688), 0, number) for number in range(300)]
     maps = fused_messages(fused(1))
     prefix = f"{DEFAULT_PREFIX}/fused"
     with ExitStack() as stack:
         session = stack.enter_context(open_session([endpoint]))
-        publisher = stack.enter_context(Publisher(session))
+        publisher = stack.enter_context(publishing(session))
         healthy = stack.enter_context(listener(session, endpoint, prefix, str(len(maps))))
         stack.enter_context(stopped_reader(session, endpoint, 1))
         began = time.monotonic()
@@ -197,23 +206,10 @@ def test_a_stuck_subscriber_holds_up_neither_live_publishing_nor_others(
         assert {row["sha256"] for row in told(healthy).values()} == set(hashes(maps).values())
 
 
-def test_a_message_of_an_unknown_topic_is_counted_and_the_next_one_goes_out(
-    endpoint: str, fused: Callable[[int], FusedBurst], caplog: pytest.LogCaptureFixture
-) -> None:
-    with open_session([endpoint]) as session, Publisher(session) as publisher:
-        publisher.publish_lazily("fused/points", lambda: 1 // 0)  # type: ignore[arg-type,return-value]
-        with listener(session, endpoint, DEFAULT_PREFIX, "1") as process:
-            publisher.publish_lazily("fused/points", lambda: 1 // 0)  # type: ignore[arg-type,return-value]
-            publisher.publish(fused_messages(fused(1))[:1])
-            assert set(told(process)) == {"fused/calibration"}
-        assert publisher.dropped == {"fused/points": 1}
-    assert "cannot publish fused/points" in caplog.text
-
-
 def test_the_service_is_alive_while_the_publisher_is(endpoint: str) -> None:
     with open_session([endpoint]) as session, open_session([], [endpoint]) as other:
         key = f"{DEFAULT_PREFIX}/alive"
-        with Publisher(session):
+        with publishing(session):
             wait_until(lambda: bool(list(other.liveliness().get(key))))
         wait_until(lambda: not list(other.liveliness().get(key)))
 
@@ -251,6 +247,41 @@ def test_what_the_zenoh_file_sets_goes_before_our_own(tmp_path: Path, endpoint: 
     file.write_text(f'{{ mode: "router", listen: {{ endpoints: ["{endpoint}"] }} }}')
     with open_session(file=file), open_session([], [endpoint], mode="client") as client:
         wait_until(lambda: bool(client.info.routers_zid()))
+
+
+DEFAULTS = {
+    "transport/link/tx/queue/size/data": "2",
+    "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments": "50000",
+    "listen/endpoints": '["tcp/127.0.0.1:0"]',
+    "connect/endpoints": "[]",
+    "scouting/multicast/enabled": "true",
+    "mode": '"peer"',
+}
+"""Of Zenoh."""
+
+
+@pytest.mark.parametrize("key", DEFAULTS)
+def test_what_the_zenoh_file_sets_goes_before_our_own_even_where_it_is_a_default(
+    tmp_path: Path, key: str
+) -> None:
+    file, (*above, last) = tmp_path / "zenoh.json5", key.split("/")
+    nested = f"{last}: {DEFAULTS[key]}, // as it is\n"
+    for name in reversed(above):
+        nested = f"{name}: {{ {nested} }},"
+    file.write_text(f"\ufeff{{ {nested} }}", encoding="utf-8")
+    ours = _configuration(["tcp/127.0.0.1:7447"], ["tcp/127.0.0.1:7448"], None, "client")
+    found = _configuration(["tcp/127.0.0.1:7447"], ["tcp/127.0.0.1:7448"], file, "client")
+    for name in DEFAULTS:
+        wanted = json.loads(DEFAULTS[key]) if name == key else json.loads(ours.get_json(name))
+        assert json.loads(found.get_json(name)) == wanted
+
+
+def test_a_zenoh_file_in_yaml_goes_before_our_own(tmp_path: Path) -> None:
+    file = tmp_path / "zenoh.yaml"
+    file.write_text("mode: router\n")
+    found = _configuration(["tcp/127.0.0.1:7447"], [], file, "peer")
+    assert json.loads(found.get_json("mode")) == "router"
+    assert json.loads(found.get_json("listen/endpoints")) == ["tcp/127.0.0.1:7447"]
 
 
 @pytest.mark.parametrize("endpoint", ["nonsense", "carrier-pigeon/127.0.0.1:7447", "tcp/127.0.0.1:99999"])

@@ -1,18 +1,23 @@
 import errno
 import os
-import threading
+import time
 from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
+from scripted import calibration
 
 import drivers.recording.output as output
 from drivers.messages import Message, Schema
-from service.config import RecordingSection
-from service.errors import OutputError, ServiceError
-from service.output.recorder import Head, Recorder
-from service.output.shelf import Shelf, SingleFile
-from service.wire.outbox import Outbox
+from drivers.recording import RecordingHead
+from service.config.sections import RecordingSection
+from service.errors import OutputError
+from service.messages.encoding import event_messages
+from service.messages.events import BurstCaptured, DevicesOpened, Event
+from service.sinks.bus import Bus
+from service.sinks.recorder import Recorder
+from service.sinks.recording_directory import FileSeries, RecordingDirectory
+from service.sinks.runner import Patience
 
 SCHEMA = Schema("lidarboost.Status", "jsonschema", b'{"type": "object"}')
 SECOND = 1_000_000_000
@@ -38,21 +43,53 @@ def read(path: Path) -> list[tuple[str, int, bytes]]:
         return [(c.topic, m.sequence, m.data) for _, c, m in reader.iter_messages(log_time_order=False)]
 
 
+HEAD = RecordingHead({"rig": "bench"}, (("configuration.toml", b"x = 1", "application/toml"),))
+
+
+def opened() -> DevicesOpened:
+    """Its own message is left out: the tests count theirs."""
+    event = DevicesOpened("scripted", "device", calibration(), None, 0, HEAD)
+    return made_of(event)
+
+
+def made_of(event: Event, *messages: Message) -> Event:
+    """An event whose messages are these."""
+    event.once(event_messages, lambda: messages)
+    return event
+
+
+def said(*messages: Message) -> Event:
+    return made_of(Event(), *messages)
+
+
+def begun(*messages: Message) -> Event:
+    """A burst's."""
+    return made_of(BurstCaptured(None, 1), *messages)  # type: ignore[arg-type]
+
+
+def recorder(destination: FileSeries | RecordingDirectory) -> Recorder:
+    made = Recorder(destination, now=Time())
+    made.open()
+    made.take(opened())
+    return made
+
+
 def section(directory: Path, **changes: float) -> RecordingSection:
     return RecordingSection.model_validate({"directory": directory, **changes})
 
 
 def test_what_is_recorded_is_what_was_handed_over_byte_for_byte(tmp_path: Path) -> None:
-    head = Head({"rig": "bench"}, (("configuration.toml", b"x = 1", "application/toml"),))
-    recorder = Recorder(SingleFile(tmp_path / "out" / "fused.mcap"), lambda: head, lossless=True)
+    recording = recorder(FileSeries(tmp_path / "out" / "fused.mcap", 1000, None))
     sent = [message(number, 200_000) for number in range(40)]
-    path = recorder.start()
+    path = tmp_path / "out" / "fused.mcap"
+    for one in sent:
+        recording.take(said(one))
     assert path.with_name("fused.mcap.active").exists()
     assert not path.exists()
-    for one in sent:
-        recorder.record([one])
-    state = recorder.stop()
-    assert (state.recording, state.messages, state.dropped, state.error) == (False, 40, 0, None)
+    assert recording.state.recording
+    recording.close()
+    assert (recording.state.recording, recording.state.messages) == (False, 40)
+    assert recording.files == (str(path),)
     assert read(path) == [("/status", one.sequence, one.payload) for one in sent]
     with path.open("rb") as stream:
         reader = make_reader(stream)
@@ -61,57 +98,54 @@ def test_what_is_recorded_is_what_was_handed_over_byte_for_byte(tmp_path: Path) 
 
 
 def test_topics_that_the_table_does_not_record_are_left_out(tmp_path: Path) -> None:
-    recorder = Recorder(SingleFile(tmp_path / "a.mcap"))
-    path = recorder.start()
-    recorder.record([message(1), message(2, topic="fused/points")])
-    recorder.record([message(3, topic="fused/points")])
-    assert recorder.stop().messages == 1
-    assert [topic for topic, _, _ in read(path)] == ["/status"]
+    recording = recorder(FileSeries(tmp_path / "a.mcap", 1000, None))
+    recording.take(said(message(1), message(2, topic="fused/points")))
+    recording.take(said(message(3, topic="fused/points")))
+    recording.close()
+    assert [topic for topic, _, _ in read(tmp_path / "a.mcap")] == ["/status"]
 
 
 def test_discarding_leaves_nothing_behind(tmp_path: Path) -> None:
-    recorder = Recorder(SingleFile(tmp_path / "fused.mcap"), lossless=True)
-    recorder.start()
-    recorder.record([message(1)])
-    recorder.discard()
+    recording = recorder(FileSeries(tmp_path / "fused.mcap", 1000, None))
+    recording.take(said(message(1)))
+    recording.discard()
     assert list(tmp_path.iterdir()) == []
-    assert recorder.state.error is None
 
 
-def test_a_stopped_recorder_takes_nothing_and_starts_again_in_a_new_file(tmp_path: Path) -> None:
-    recorder = Recorder(Shelf(section(tmp_path), Time()))
-    recorder.record([message(1)])
-    first = recorder.start()
-    assert recorder.start() == first
-    recorder.record([message(2)])
-    recorder.stop()
-    recorder.record([message(3)])
-    second = recorder.start()
-    recorder.record([message(4)])
-    recorder.stop()
-    assert first != second
-    assert [sequence for path in (first, second) for _, sequence, _ in read(path)] == [2, 4]
+def test_files_of_one_series_never_overwrite_another_and_keep_a_budget(tmp_path: Path) -> None:
+    (tmp_path / "fused.mcap").write_bytes(b"of an earlier run")
+    recording = recorder(FileSeries(tmp_path / "fused.mcap", 1, 3))
+    for number in range(60):
+        recording.take(begun(message(number, 200_000)))
+    recording.close()
+    assert (tmp_path / "fused.mcap").read_bytes() == b"of an earlier run"
+    files = sorted(tmp_path.glob("fused-*.mcap"), key=lambda path: path.stat().st_mtime_ns)
+    assert 2 <= len(files) <= 4
+    assert sum(path.stat().st_size for path in files) < 3_600_000
+    kept = [sequence for path in files for _, sequence, _ in read(path)]
+    assert kept == list(range(kept[0], 60))
 
 
 def test_files_turn_over_between_bursts_and_the_oldest_unmarked_goes(tmp_path: Path) -> None:
-    recorder = Recorder(Shelf(section(tmp_path, rotate_size=1, budget=4), Time()), lossless=True)
+    directory = RecordingDirectory(section(tmp_path, rotate_size=1, budget=4), Time())
+    recording = recorder(directory)
     bystander = tmp_path / "wedges.mcap"
     bystander.write_bytes(bytes(5_000_000))
-    recorder.start()
-    kept = recorder.keep()
     number = 0
+    kept: Path | None = None
     for _ in range(12):
         # A burst of 0.5 MB (hexadecimal noise halves when it is compressed).
-        recorder.record([message(number, 1000, "camera/calibration")])
+        recording.take(begun(message(number, 1000, "camera/calibration")))
+        if kept is None:
+            kept = Path(recording.state.file or "")
+            directory.keep(kept)
         for _ in range(5):
             number += 1
-            recorder.record([message(number, 200_000)])
-    last = recorder.stop()
-    assert last.error is None
-    assert last.dropped == 0
+            recording.take(said(message(number, 200_000)))
+    recording.close()
+    assert kept is not None
     files = sorted(path for path in tmp_path.glob("2*.mcap"))
     assert kept in files
-    assert Path(last.file or "") in files
     assert sum(path.stat().st_size for path in files) <= 4_600_000
     assert bystander.stat().st_size == 5_000_000
     for path in files:
@@ -124,11 +158,10 @@ def test_files_turn_over_between_bursts_and_the_oldest_unmarked_goes(tmp_path: P
 
 
 def test_one_endless_burst_is_cut_a_little_over_the_limit(tmp_path: Path) -> None:
-    recorder = Recorder(Shelf(section(tmp_path, rotate_size=1), Time()), lossless=True)
-    recorder.start()
+    recording = recorder(RecordingDirectory(section(tmp_path, rotate_size=1), Time()))
     for number in range(30):
-        recorder.record([message(number, 200_000)])
-    recorder.stop()
+        recording.take(said(message(number, 200_000)))
+    recording.close()
     files = sorted(tmp_path.glob("2*.mcap"))
     assert len(files) > 2
     assert max(path.stat().st_size for path in files) < 1_700_000
@@ -139,15 +172,10 @@ def test_kept_recordings_that_fill_the_budget_stop_the_recorder_and_say_so(tmp_p
     for day in (1, 2, 3):
         (tmp_path / f"2026010{day}T000000Z.mcap").write_bytes(bytes(1_000_000))
         (tmp_path / f"2026010{day}T000000Z.mcap.keep").touch()
-    recorder = Recorder(Shelf(section(tmp_path, rotate_size=1, budget=3), Time()))
+    recording = recorder(RecordingDirectory(section(tmp_path, rotate_size=1, budget=3), Time()))
     with pytest.raises(OutputError, match=r"marked to keep .* 3 MB.*recording\.budget"):
-        recorder.start()
+        recording.take(said(message(1)))
     assert len(list(tmp_path.glob("*.mcap"))) == 3
-
-
-def test_nothing_can_be_kept_before_something_was_recorded(tmp_path: Path) -> None:
-    with pytest.raises(ServiceError, match="start recording first"):
-        Recorder(Shelf(section(tmp_path), Time())).keep()
 
 
 class FullDisk(output.FileIO):
@@ -161,55 +189,33 @@ class FullDisk(output.FileIO):
         return super().write(data)
 
 
-def test_a_full_disk_ends_the_recording_keeps_what_was_written_and_holds_up_nobody(
+def test_a_full_disk_ends_the_file_and_recording_goes_on_in_another_once_there_is_room(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(output, "open_unbuffered", lambda path: FullDisk(path, "x+"))
-    recorder = Recorder(SingleFile(tmp_path / "a.mcap"), lossless=True)
-    path = recorder.start()
-    for number in range(20):
-        recorder.record([message(number, 200_000)])
-    state = recorder.stop()
-    assert not state.recording
-    assert "the disk is full" in (state.error or "")
-    assert 0 < state.messages < 20
-    kept = read(path)
-    assert [sequence for _, sequence, _ in kept] == list(range(len(kept)))
-    assert 2 <= len(kept) <= state.messages
-    monkeypatch.undo()
-    path.rename(tmp_path / "b.mcap")
-    recorder.start()
-    recorder.record([message(99)])
-    assert recorder.stop().error is None
-    assert [sequence for _, sequence, _ in read(path)] == [99]
-
-
-def test_a_full_queue_loses_the_oldest_and_counts_it() -> None:
-    lost: list[str] = []
-    box: Outbox[str] = Outbox(items=3, size=100, dropped=lost.append, droppable=lambda item: item != "report")
-    for item in ("report", "a", "b", "c", "d"):
-        box.put(item, 10)
-    assert lost == ["a", "b"]
-    box.put("large", 95)
-    assert lost == ["a", "b", "c", "d", "report"]
-    box.put("larger than all", 1000)
-    assert box.get() == "larger than all"
-    box.close()
-    box.put("late", 1)
-    assert box.get() is None
-    assert lost == ["a", "b", "c", "d", "report", "large", "late"]
-
-
-def test_a_lossless_queue_makes_the_producer_wait() -> None:
-    lost: list[int] = []
-    box: Outbox[int] = Outbox(items=2, size=1000, lossless=True, dropped=lost.append)
-    producer = threading.Thread(target=lambda: [box.put(number, 1) for number in range(50)])
-    producer.start()
-    taken = [box.get() for _ in range(50)]
-    producer.join()
-    assert taken == list(range(50))
-    assert lost == []
-    assert not box.wait_empty(0.0)
-    box.close()
-    assert box.get() is None
-    assert box.wait_empty(0.0)
+    with monkeypatch.context() as full:
+        full.setattr(output, "open_unbuffered", lambda path: FullDisk(path, "x+"))
+        bus = Bus(patience=Patience(restart=0.05))
+        bus.add("recorder", lambda: Recorder(FileSeries(tmp_path / "a.mcap", 1000, None)))
+        bus.emit(opened())
+        sent = 0
+        deadline = time.monotonic() + 30
+        while bus.states[0].faults == 0:
+            bus.emit(said(message(sent, 200_000)))
+            sent += 1
+            assert time.monotonic() < deadline
+        assert "the disk is full" in (bus.states[0].error or "")
+    while bus.states[0].state != "running":
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    bus.emit(said(message(9999)))
+    bus.close(20)
+    first, *_, last = map(Path, bus.files)
+    kept = [sequence for _, sequence, _ in read(first)]
+    assert kept == list(range(len(kept)))
+    assert len(kept) >= 2
+    assert read(last)[-1][1] == 9999
+    # Whatever is in no file is counted.
+    written = {sequence for path in map(Path, bus.files) for _, sequence, _ in read(path)}
+    missing = (sent + 1) - len(written)
+    assert bus.losses
+    assert 0 < missing <= sum(state.dropped for state in bus.states) + 2

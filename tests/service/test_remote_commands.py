@@ -4,50 +4,83 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from publishing import publishing
 from typer.testing import CliRunner
 
 from service.cli import app
-from service.fusion.fusion import FusedBurst
-from service.health.status import Drops, Rates, Status, Totals
-from service.output.recorder import RecorderState
-from service.wire.messages import fused_messages, points_message, status_message
-from service.wire.publisher import Publisher
+from service.messages.events import MapFused, StatusTold
+from service.messages.map import FusedMap
+from service.messages.status import (
+    CommandCounts,
+    Degraded,
+    Drops,
+    FusionState,
+    InForce,
+    LastError,
+    Rates,
+    RecorderState,
+    SinkState,
+    Status,
+    Totals,
+)
 from service.wire.session import open_session
 
 STATUS = Status(
     timestamp=1_700_000_000_000_000_000,
     version="0.1.0",
     state="scanning",
+    reason="bursts by the plan",
+    seconds=7.0,
+    degraded=(Degraded(what="recorder: the disk is full", remedy="make room", seconds=5.0),),
     source="simulation",
     model="simulated SR3000",
     serial=None,
     uptime=12.0,
-    totals=Totals(frames=45, bursts=3, fused=2),
+    totals=Totals(frames=45, bursts=3, fused=2, unconverged=2),
     rates=Rates(frames=7.5, fused=0.5),
     drops=Drops(camera=4, recorded=2),
-    backlog=1,
+    fusion=FusionState(backlog=1, restarts=1, hung=0, error=None),
     latency=0.42,
     recorder=RecorderState(
         recording=True,
         file="a.mcap",
-        kept=True,
         size=3_000_000,
         messages=9,
-        dropped=2,
         free=5_000_000_000,
-        error=None,
     ),
-    error=None,
+    sinks=(
+        SinkState(
+            name="recorder",
+            state="restarting",
+            waiting=1,
+            taken=9,
+            dropped=2,
+            faults=1,
+            abandoned=0,
+            error="the disk is full",
+        ),
+    ),
+    commands=CommandCounts(accepted=7, refused={"OUT_OF_RANGE": 2}),
+    in_force=InForce(
+        method="phasor",
+        upsampling=4,
+        regularization="auto",
+        frames=15,
+        window=15,
+        span=1.0,
+        integration_time=0.03,
+    ),
+    error=LastError(what="the cable is loose", timestamp=1_700_000_000_000_000_000),
 )
 
 
 @pytest.fixture
-def service(endpoint: str, fused: Callable[[int], FusedBurst]) -> Iterator[str]:
+def service(endpoint: str, fused: Callable[[int], FusedMap]) -> Iterator[str]:
     """A service that has published one map and its status."""
-    with open_session([endpoint]) as session, Publisher(session) as publisher:
+    with open_session([endpoint]) as session, publishing(session) as publisher:
         result = fused(6)
-        publisher.publish([*fused_messages(result), status_message(STATUS, STATUS.timestamp)])
-        publisher.publish_lazily("fused/points", lambda: points_message(result))
+        publisher.take(MapFused(result, None))
+        publisher.take(StatusTold(STATUS))
         assert publisher.drain()
         yield endpoint
 
@@ -61,19 +94,34 @@ def test_status_says_what_matters(service: str) -> None:
     code, out, _ = run("status", "--endpoint", service)
     assert code == 0
     for expected in (
-        "scanning for 12 s",
+        "scanning for 7 s: bursts by the plan",
+        "up 12 s",
+        "recorder: the disk is full, for 5 s; make room",
         "simulation: simulated SR3000",
         "45, 7.5 per second",
         "2 of 3 bursts, 0.50 per second, 0.42 s after the last frame, 1 waiting",
         "4 camera, 2 recorded",
-        "on: a.mcap, 3.0 MB, kept, 5.0 GB free",
+        "on: a.mcap, 3.0 MB, 5.0 GB free",
+        "phasor, λ auto, β 4, 15 frames over 1 pixels, integration 30 ms",
+        "7 carried out, refused: 2 OUT_OF_RANGE",
+        "2 not converged; the fusion was restarted 1 times",
+        " the cable is loose",
     ):
         assert expected in out
     assert Status.model_validate_json(run("status", "--endpoint", service, "--json")[1]) == STATUS
 
 
+def test_status_of_a_stream_and_of_another_version(endpoint: str) -> None:
+    with open_session([endpoint]) as session, publishing(session) as publisher:
+        publisher.take(StatusTold(Status(state="streaming", seconds=7.0, totals=Totals(frames=9, fused=8))))
+        assert publisher.drain()
+        _, out, _ = run("status", "--endpoint", endpoint)
+    assert "state      streaming for 7 s\n" in out
+    assert "maps       8, 0.00 per second" in out
+
+
 def test_get_shows_and_saves_every_kind(
-    service: str, tmp_path: Path, fused: Callable[[int], FusedBurst]
+    service: str, tmp_path: Path, fused: Callable[[int], FusedMap]
 ) -> None:
     result = fused(6)
     code, out, _ = run("get", "fused/depth", "--endpoint", service)
@@ -101,6 +149,8 @@ def test_watch_prints_a_line_a_message(service: str) -> None:
     code, out, _ = run("watch", "fused/depth", "--count", "1", "--endpoint", service)
     assert code == 0
     assert out.startswith("22:13:26.123 fused/depth 88 × 72 float32, ")
+    out = run("watch", "--count", "1", "--endpoint", service)[1]
+    assert "burst 6: 3 of 3 frames; 88 × 72 pixels; nearest; median deviation" in out
     out = run("watch", "--json", "--count", "1", "--endpoint", service)[1]
     assert json.loads(out)["burst"] == 6
 

@@ -143,7 +143,7 @@ def bad_missing(path: Path) -> Path:
         (bad_text, "not"),
         (bad_empty, "empty"),
         (bad_no_frames, "holds no whole frame"),
-        (bad_size, "calibration is for 4 × 6 pixels"),
+        (bad_size, "calibration is for 4 × 6"),
         (bad_two_sizes, "5 × 5 pixels"),
         (bad_torn_head, "torn"),
         (bad_calibration, "holds no calibration"),
@@ -190,6 +190,8 @@ def test_an_unknown_key_is_status_2(tmp_path: Path, small: Path) -> None:
         ('[camera]\nbackend = "simulated"\n[camera.options]\nscen = "plane"', "camera.options"),
         ('[stage]\nbackend = "simulated"\n[stage.options]\nspeeed = 1', "stage.options"),
         ('[camera]\ncalibration = "nowhere.toml"', "camera.calibration: nowhere.toml"),
+        ('[sinks.x]\nkind = "nowhere"', "sinks.x.kind = 'nowhere'"),
+        ('[sinks.x]\nkind = "service.sinks.summaries:Summaries"\noptions.a = 1', "sinks.x.options: a"),
     ],
 )
 def test_the_options_of_backends_are_checked_too(tmp_path: Path, text: str, said: str) -> None:

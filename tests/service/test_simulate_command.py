@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from drivers.calibration import sr3000_calibration
 from drivers.recording import open_recording
 from drivers.simulated import SimulatedCamera
+from service.calibration.board import Board, find_board
+from service.calibration.intrinsics import distinct_views
 from service.cli import app
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
@@ -50,6 +53,8 @@ def test_it_records_the_scan_with_everything_around_it(tmp_path):
     assert recording.calibration.noise.coefficient == pytest.approx(30.0)
     assert 'scene = "step"' in recording.configuration
     assert recording.attachment("thumbnail.png").startswith(b"\x89PNG")
+    assert recording.metadata["camera_model"] == "simulated SR3000, scene step"
+    assert (recording.metadata["source"], recording.planned) == ("simulation", 3)
     truth = truth_of(recording)
     assert {name: image.dtype for name, image in truth.items()} == dict.fromkeys(
         ("distance", "depth", "amplitude"), np.dtype(np.float32)
@@ -112,6 +117,15 @@ def test_a_simulation_that_fails_leaves_nothing_behind(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_torn_simulation_says_what_its_only_burst_lacks(tmp_path):
+    path = tmp_path / "x.mcap"
+    assert run("--scene", "plane", "-n", 9, "-o", path).exit_code == 0
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 3])
+    recording = open_recording(path)
+    assert 1 < recording.frame_count < 9
+    assert f"burst 0 has {recording.frame_count} of 9 frames" in str(recording.damage)
+
+
 @pytest.mark.parametrize(("name", "span"), [("wedges", 15.0), ("objects", 30.0)])
 def test_the_bundled_recordings_are_as_promised(name, span):
     path = RECORDINGS / f"{name}.mcap"
@@ -155,3 +169,39 @@ def test_the_bundled_recordings_are_what_the_simulator_makes_today(tmp_path, nam
             off = np.abs(getattr(new, image).astype(int) - getattr(old, image).astype(int))
             assert np.minimum(off, 65536 - off).max() <= 1
     np.testing.assert_allclose(made.truth, bundled.truth, atol=1e-4)
+
+
+def test_a_board_is_shown_in_many_poses(tmp_path):
+    path = tmp_path / "board.mcap"
+    result = run("--scene", "board", "--views", 3, "--board", "8x5", "--square", 40, "-o", path)
+    assert result.exit_code == 0, result.output
+    frames = list(open_recording(path).frames())
+    assert [(frame.burst, frame.pose) for frame in frames] == [(0, 0), (1, 0), (2, 0)]
+    assert {(frame.pan, frame.tilt) for frame in frames} == {(0.0, 0.0)}
+    seen = [find_board(frame.amplitude, Board(8, 5, 0.04)) for frame in frames]
+    assert all(sighting is not None for sighting in seen)
+    assert len(distinct_views(seen, 176)) == 3
+
+
+def test_views_of_what_is_no_board_are_refused(tmp_path):
+    result = run("--scene", "wedges", "--views", 3, "-o", tmp_path / "x.mcap")
+    assert result.exit_code == 2
+    assert "expected --scene board, not wedges" in result.output
+
+
+def test_a_wall_stands_where_it_is_put(tmp_path):
+    path = tmp_path / "wall.mcap"
+    result = run("--scene", "plane", "--away", 1.2, "--span", 0, "-n", 2, "--no-noise", "-o", path)
+    assert result.exit_code == 0, result.output
+    frames = list(open_recording(path).frames())
+    assert {(frame.pan, frame.tilt) for frame in frames} == {(0.0, 0.0)}
+    assert frames[0].distance[72, 88] == pytest.approx(1.2, abs=1e-3)
+
+
+def test_the_mount_is_given_once(tmp_path):
+    true = tmp_path / "true.toml"
+    sr3000_calibration().save(true)
+    result = run("--camera", true, "--lever-arm", 0, 0, 0.1, "-o", tmp_path / "x.mcap")
+    assert result.exit_code != 0
+    assert "lever_arm: the calibration file says that" in result.output
+    assert not (tmp_path / "x.mcap").exists()

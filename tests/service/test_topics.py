@@ -1,9 +1,10 @@
 from pathlib import Path
 
 from drivers.messages import FrameFields, json_schema
-from service.fusion.report import BurstReport
-from service.health.status import Status
-from service.topics import TOPICS, Congestion, topic_table
+from service.messages.progress import ScanProgress
+from service.messages.report import BurstReport
+from service.messages.status import Status
+from service.messages.topics import TOPICS, Congestion, topic_table
 
 ROOT = Path(__file__).parents[2]
 
@@ -13,7 +14,12 @@ def test_the_readme_shows_the_table() -> None:
 
 
 def test_json_topics_name_the_schemas_of_their_models() -> None:
-    models = {"camera/frame": FrameFields, "fused/report": BurstReport, "status": Status}
+    models = {
+        "camera/frame": FrameFields,
+        "fused/report": BurstReport,
+        "status": Status,
+        "scan/progress": ScanProgress,
+    }
     assert {topic: json_schema(model).name for topic, model in models.items()} == {
         topic: TOPICS[topic].schema for topic in models
     }
@@ -35,4 +41,5 @@ def test_nothing_but_images_and_what_belongs_to_a_frame_may_be_dropped() -> None
         "fused/deviation",
         "fused/amplitude",
         "fused/points",
+        "scan/progress",
     }

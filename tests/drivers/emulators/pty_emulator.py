@@ -7,6 +7,7 @@ import select
 import threading
 import time
 import tty
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -29,6 +30,8 @@ class PtyEmulator:
         self._stop = threading.Event()
         self._master: int | None = None
         self._name = ""
+        self.now: Callable[[], float] = time.monotonic
+        """Seconds; a line in virtual time (`VirtualLine`) puts its own clock here."""
         self.mute = False
         """While set, the device takes bytes and says nothing."""
         self._thread = threading.Thread(target=self._run, name=type(self).__name__, daemon=True)
@@ -71,8 +74,12 @@ class PtyEmulator:
             if self._link is not None:
                 self._link.unlink(missing_ok=True)
 
+    def announce(self, data: bytes) -> None:
+        """Send what nobody asked for: an event, an echo, a banner."""
+        self.say(data)
+
     def say(self, data: bytes) -> None:
-        """Send bytes to the client."""
+        """Send an answer to the client."""
         with self._lock:
             if self._master is not None and not self.mute:
                 os.write(self._master, data)
@@ -112,16 +119,17 @@ class PtyEmulator:
 class Motion:
     """One axis that moves at constant speed, in counts."""
 
-    def __init__(self, speed: float) -> None:
+    def __init__(self, speed: float, now: Callable[[], float] = time.monotonic) -> None:
         self.speed = speed
+        self._now = now
         self._from = self._to = 0.0
-        self._started = time.monotonic()
+        self._started = now()
 
     @property
     def position(self) -> float:
-        travelled = (time.monotonic() - self._started) * self.speed
+        travelled = (self._now() - self._started) * self.speed
         distance = abs(self._to - self._from)
-        if travelled >= distance:
+        if distance == 0 or travelled >= distance:
             return self._to
         return self._from + (self._to - self._from) * travelled / distance
 
@@ -130,7 +138,15 @@ class Motion:
         return self.position != self._to
 
     def go(self, target: float) -> None:
-        self._from, self._to, self._started = self.position, target, time.monotonic()
+        self._from, self._to, self._started = self.position, target, self._now()
+
+    @property
+    def target(self) -> float:
+        return self._to
+
+    def resume(self, position: float) -> None:
+        """Go on to the same target from `position`, at the speed that is now set."""
+        self._from, self._started = position, self._now()
 
     def stop(self) -> None:
         self._from = self._to = self.position

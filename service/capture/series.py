@@ -1,0 +1,106 @@
+"""Takes burst after burst, or frame after frame, whatever happens to the devices meanwhile."""
+
+import logging
+from collections.abc import Callable, Iterator
+from typing import Generic, Protocol, TypeVar
+
+from drivers.errors import EndOfRecordingError, MotionStoppedError, OperationError
+from service.capture.control import StoppedError
+from service.capture.loop import Grabber, Source
+
+_SLICE = 0.05
+"""Seconds after which a pause between two bursts looks for something to do."""
+
+T = TypeVar("T")
+
+_log = logging.getLogger(__name__)
+
+
+class Recover(Protocol):
+    """Opens lost devices again."""
+
+    def __call__(self, error: OperationError) -> bool:
+        """Tell why, and try until it is done; False where something else was asked for first."""
+
+
+class Capture(Generic[T]):
+    """Takes burst after burst, or frame after frame, and survives what happens to the devices.
+
+    Args:
+        grabber: gives frames of the (open) rig.
+        source: takes them.
+        recover: opens lost devices again; None = without telling anybody.
+        ending: whether something else was asked for: looked at between two bursts.
+        pause: seconds between one and the next.
+        hurried: whether the next one shall not wait for that.
+        first: number of the first.
+
+    Attributes:
+        number: of the burst, or frame, at work, or of the next one.
+    """
+
+    def __init__(
+        self,
+        grabber: Grabber,
+        source: Source[T],
+        recover: Recover | None = None,
+        ending: Callable[[], bool] = lambda: False,
+        *,
+        pause: float = 0.0,
+        hurried: Callable[[], bool] = lambda: False,
+        first: int = 0,
+    ) -> None:
+        self.counts, self.number = grabber.counts, first
+        self._grabber, self._control, self._rig = grabber, grabber.control, grabber.rig
+        self._source, self._recover = source, recover if recover is not None else self._reopen
+        self._ending, self._hurried, self._pause = ending, hurried, pause
+
+    def run(self) -> Iterator[T]:
+        """All until told otherwise or a recording ends; what is interrupted is taken again.
+
+        Raises:
+            MotionError: the stage must not move any more.
+        """
+        rest = 0.0
+        while not self._control.halted:
+            try:
+                self._rest(rest)
+                if self._control.halted or self._ending():
+                    return
+                taken = self._source.take(self.number)
+            except EndOfRecordingError:
+                return
+            except (StoppedError, MotionStoppedError):
+                self.number += 1  # frames of this one have gone out
+                return
+            except OperationError as error:
+                self._note(error)
+                if not self._recover(error):
+                    self.number += 1
+                    return
+                self._grabber.restart()
+                continue
+            self.number += 1
+            yield taken
+            rest = self._pause
+
+    def _rest(self, seconds: float) -> None:
+        """Do what waits to be done between two bursts, for at least so long unless there is a hurry."""
+        clock = self._rig.clock
+        end = clock.now() + round(seconds * 1e9)
+        self._control.between_bursts()
+        while (left := end - clock.now()) > 0 and not (
+            self._control.halted or self._ending() or self._hurried()
+        ):
+            self._control.beat()
+            clock.sleep(min(_SLICE, left * 1e-9))
+            self._control.between_bursts()
+
+    def _note(self, error: OperationError) -> None:
+        self.counts.lost += 1
+        self.counts.interrupted += 1
+        self.counts.error = str(error)
+        _log.error("number %d interrupted: %s; opening the devices again", self.number, error)
+
+    def _reopen(self, error: OperationError) -> bool:  # noqa: ARG002
+        return self._rig.reopen(lambda: self._control.halted)

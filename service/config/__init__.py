@@ -1,0 +1,1 @@
+"""The configuration: sections, and how they are read."""

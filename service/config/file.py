@@ -1,0 +1,169 @@
+"""Reads the configuration: file, environment, flags; says clearly what is wrong with them."""
+
+import os
+from collections.abc import Iterator, Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from reprlib import Repr
+from typing import Any, ClassVar, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+from pydantic_settings import BaseSettings, InitSettingsSource, PydanticBaseSettingsSource, SettingsConfigDict
+from pydantic_settings.exceptions import SettingsError
+
+from drivers.documents import parse_toml, require_plain, shortened
+from service.config.sections import Configuration
+from service.errors import ConfigurationError
+
+PREFIX = "LIDARBOOST_"
+"""`LIDARBOOST_FUSION__METHOD=area` overrides `method` in section `[fusion]` of the file."""
+
+_brief = Repr()
+_brief.maxstring = _brief.maxother = 80
+
+_NOT_CONFIGURATION = frozenset({"LIDARBOOST_DEBUG", "LIDARBOOST_ENDPOINT"})
+
+
+class _Layers(BaseSettings, Configuration):
+    """The three layers, highest first: flags, environment, file."""
+
+    document: ClassVar[dict[str, Any]] = {}
+
+    model_config = SettingsConfigDict(env_prefix=PREFIX, env_nested_delimiter="__", env_ignore_empty=True)
+
+    @classmethod
+    def settings_customise_sources(
+        cls,
+        settings_cls: type[BaseSettings],
+        init_settings: PydanticBaseSettingsSource,
+        env_settings: PydanticBaseSettingsSource,
+        dotenv_settings: PydanticBaseSettingsSource,  # noqa: ARG003
+        file_secret_settings: PydanticBaseSettingsSource,  # noqa: ARG003
+    ) -> tuple[PydanticBaseSettingsSource, ...]:
+        return init_settings, env_settings, InitSettingsSource(settings_cls, cls.document)
+
+
+def load(path: Path | None = None, flags: Mapping[str, Any] | None = None) -> Configuration:
+    """The configuration of a file (none = defaults), overridden by the environment, then by `flags`.
+
+    Args:
+        path: TOML file.
+        flags: nested like the file, for example `{"fusion": {"method": "area"}}`.
+
+    Raises:
+        ConfigurationError: cannot be read, not TOML, an unknown key, or a value out of bounds.
+    """
+    document = _read(path) if path is not None else {}
+    _check_environment()
+    layers = type("Layers", (_Layers,), {"document": document, "__module__": __name__})
+    try:
+        found = layers(**(flags or {}))
+    except (SettingsError, RecursionError) as error:
+        raise ConfigurationError(
+            f"environment: {error}; sections are set key by key, as {PREFIX}FUSION__METHOD"
+        ) from error
+    except ValidationError as error:
+        raise ConfigurationError(shortened(_faults(error, path, document, flags or {}))) from error
+    for section, options in (("camera", found.camera.options), ("stage", found.stage.options)):
+        try:
+            require_plain(options)
+        except ValueError as error:
+            raise ConfigurationError(f"{section}.options {error}") from error
+    return Configuration(**{name: getattr(found, name) for name in Configuration.model_fields})
+
+
+def schema() -> dict[str, Any]:
+    """JSON schema of the file."""
+    return Configuration.model_json_schema()
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return parse_toml(path.read_bytes())
+    except OSError as error:
+        raise ConfigurationError(f"{path}: cannot read the configuration ({error.strerror})") from error
+    except ValueError as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+
+
+def _check_environment() -> None:
+    """Refuse variables that name no section: the settings library passes over them in silence."""
+    for name in os.environ:
+        section = name.removeprefix(PREFIX).lower().split("__")[0]
+        if (
+            name.startswith(PREFIX)
+            and name not in _NOT_CONFIGURATION
+            and section not in Configuration.model_fields
+        ):
+            known = [f"{PREFIX}{field.upper()}" for field in Configuration.model_fields]
+            raise ConfigurationError(
+                f"environment: unknown variable {name}{_nearest(f'{PREFIX}{section.upper()}', known)}"
+            )
+
+
+def _faults(
+    error: ValidationError, path: Path | None, document: Mapping[str, Any], flags: Mapping[str, Any]
+) -> Iterator[str]:
+    """One clause per faulty key (a value that fits none of several types counts once)."""
+    seen = set()
+    for fault in error.errors(include_url=False):
+        keys, model = _walk(fault["loc"])
+        if keys not in seen:
+            seen.add(keys)
+            yield f"{_origin(keys, path, document, flags)}: {_words(fault, keys, model)}"
+
+
+def _words(fault: ErrorDetails, keys: tuple[str, ...], model: type[BaseModel]) -> str:
+    name = ".".join(keys)
+    if fault["type"] == "extra_forbidden":
+        return f"unknown key {name}{_nearest(keys[-1], list(model.model_fields), '.'.join(keys[:-1]))}"
+    field = model.model_fields.get(keys[-1])
+    meaning = f" ({field.description})" if field is not None and field.description else ""
+    return f"{name} = {_brief.repr(fault['input'])}: {fault['msg']}{meaning}"
+
+
+def _walk(location: tuple[int | str, ...]) -> tuple[tuple[str, ...], type[BaseModel]]:
+    """The keys of an error's location without what the validator adds to them, and the model they end in."""
+    model: type[BaseModel] = Configuration
+    keys: list[str] = []
+    for step in location:
+        keys.append(str(step))
+        field = model.model_fields.get(str(step))
+        inner = None if field is None else _section(field.annotation)
+        if inner is None:
+            break
+        model = inner
+    return tuple(keys), model
+
+
+def _section(annotation: Any) -> type[BaseModel] | None:
+    choices = (annotation, *get_args(annotation))
+    return next((c for c in choices if isinstance(c, type) and issubclass(c, BaseModel)), None)
+
+
+def _origin(
+    keys: tuple[str, ...], path: Path | None, document: Mapping[str, Any], flags: Mapping[str, Any]
+) -> str:
+    if _holds(flags, keys):
+        return "command line"
+    variable = PREFIX + "__".join(keys).upper()
+    if any(name.upper() == variable for name in os.environ):
+        return f"environment variable {variable}"
+    return str(path) if path is not None and _holds(document, keys) else "configuration"
+
+
+def _holds(layer: Any, keys: tuple[str, ...]) -> bool:
+    for key in keys:
+        if not isinstance(layer, Mapping) or key not in layer:
+            return False
+        layer = layer[key]
+    return True
+
+
+def _nearest(name: str, known: list[str], section: str = "") -> str:
+    prefix = f"{section}." if section else ""
+    near = get_close_matches(name, known, n=1)
+    if near:
+        return f"; did you mean {prefix}{near[0]}?"
+    return f"; known here: {', '.join(known)}"

@@ -1,0 +1,1 @@
+"""The run: states, supervision, status."""

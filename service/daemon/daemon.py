@@ -1,0 +1,266 @@
+"""The run: devices → frames → jobs → maps, as events to whoever takes them."""
+
+import logging
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from contextlib import ExitStack, contextmanager
+from threading import Event as Flag
+
+from pydantic import BaseModel
+
+from drivers.frame import Frame
+from drivers.poses import camera_rotation
+from drivers.recording import Recording, RecordingHead
+from drivers.settings import Capabilities
+from service.capture.control import Control
+from service.capture.head import head_of
+from service.capture.loop import Grabber
+from service.capture.played import recording_of, truth_of
+from service.capture.rig import Rig
+from service.config.sections import Configuration
+from service.daemon.advance import Advance
+from service.daemon.agenda import Agenda
+from service.daemon.fusing import Fusing
+from service.daemon.heartbeat import Heartbeat
+from service.daemon.ledger import Ledger
+from service.daemon.logs import logged_events
+from service.daemon.modes import Idle, Mode, Scanning, Streaming
+from service.daemon.monitor import Monitor
+from service.daemon.states import States
+from service.daemon.systemd import READY, STOPPING, notify
+from service.errors import InvalidStateError, IoFailureError, MotionError
+from service.fusion.local import LocalExecutor
+from service.messages.events import DevicesOpened, Event, FrameCaptured, HeadChanged, ScanProgressed
+from service.messages.status import CommandCounts
+from service.sinks.bus import Bus
+
+_LAST_JOBS = 2.0
+"""Seconds that the jobs in work get when the service is told to stop: it shall end within five."""
+
+_log = logging.getLogger(__name__)
+
+
+class Daemon:
+    """One run of the service; it knows nobody who takes its events.
+
+    The thread that calls `run` owns the devices. It works in one mode until that ends, or until another is
+    asked for.
+
+    Args:
+        configuration: what to do.
+        rig: the configured devices, closed.
+        bus: takes the events.
+        executor: fuses; whoever made it closes it.
+        once: one pass: a recording to its end, one burst of the plan, or one window of a stream. Nothing is
+            dropped then: whoever is faster waits.
+    """
+
+    def __init__(
+        self,
+        configuration: Configuration,
+        rig: Rig,
+        bus: Bus,
+        executor: LocalExecutor,
+        *,
+        once: bool = False,
+    ) -> None:
+        self.configuration, self.rig, self.bus, self.once = configuration, rig, bus, once
+        self.stop = Flag()
+        self.control, self.agenda = Control(self.stop), Agenda()
+        self.control.beat = rig.beat
+        self.ledger = Ledger()
+        self.states = States(self.emit)
+        self.camera: Capabilities | None = None
+        self.recording: Recording | None = None
+        self.next_burst = 0
+        self.grabber = Grabber(rig, configuration.camera.timeout, self.control, self._captured)
+        self.fusing = Fusing(executor, self.emit, lossless=once)
+        self._advance = Advance(lambda: self.planned, lambda: self.fusing.backlog.unfinished)
+        self.mode: Mode | None = None
+        self.command_counts: Callable[[], CommandCounts] = CommandCounts
+
+    @property
+    def carries_pose(self) -> bool:
+        """Whether frames bring their own angles, as a recording's do; the rig must be open."""
+        return self.rig.camera.capabilities.carries_pose
+
+    @property
+    def planned(self) -> int | None:
+        """Frames of a whole burst: of the plan, or as a recording says; None = it does not."""
+        if not self.carries_pose:
+            return self.configuration.fusion.frames
+        return None if self.recording is None else self.recording.planned
+
+    @property
+    def ending(self) -> bool:
+        """Whether the mode at work shall end, between two bursts or frames."""
+        return self.stop.is_set() or self.agenda.next is not None
+
+    def emit(self, event: Event) -> None:
+        """Note an event and hand it to the sinks."""
+        self.ledger.note(event)
+        self.bus.emit(event)
+        if (progress := self._advance.after(event)) is not None:
+            self.bus.emit(ScanProgressed(progress))
+
+    def rest(self) -> None:
+        """Be idle after the burst, or the frame, at work; for any thread."""
+        self.agenda.ask(Idle(self))
+        self.control.inbox.wake()
+
+    def begin(self, mode: Mode) -> "Future[None]":
+        """Have a mode begin next; for the thread that owns the devices. Done when it has begun.
+
+        Raises:
+            DriverError, ServiceError: it cannot be made ready; what was at work goes on.
+        """
+        mode.prepare()
+        return self.agenda.ask(mode)
+
+    def reconfigure(self, **sections: BaseModel) -> None:
+        """Put other sections of the configuration in force; for the thread that owns the devices.
+
+        Raises:
+            PlanError: a plan out of reach; nothing has changed.
+        """
+        before = self.configuration
+        self.configuration = before.model_copy(update=sections)
+        try:
+            self.renew()
+        except BaseException:
+            self.configuration = before
+            raise
+
+    def renew(self) -> None:
+        """Have the mode at work, or the next, begin anew with what is configured now; raises as `begin`."""
+        following = self.agenda.next
+        mode = following if following is not None else self.mode
+        fresh = Scanning(self) if mode is None or isinstance(mode, Idle) else mode.anew()
+        fresh.prepare()  # a plan is looked at also where nothing is scanned
+        if following is not None and not isinstance(following, Idle):
+            self.agenda.replace(fresh)
+        elif following is None and not isinstance(mode, Idle):
+            self.agenda.ask(fresh)
+        self._find_truth()
+        self.emit(HeadChanged(self._head()))
+
+    def close(self) -> None:
+        """End the process that fuses, whatever it does."""
+        self.fusing.close()
+
+    def run(self) -> None:
+        """Work until a recording ends, one pass is done, or `stop` is set.
+
+        Raises:
+            DriverError: the devices cannot be opened, or a recording cannot be used.
+            ServiceError: a plan out of reach, a fusion that cannot work, or not one map.
+        """
+        with ExitStack() as stack:
+            stack.callback(self.close)
+            stack.callback(self._refuse_all)
+            stack.enter_context(self._open_rig())
+            self.camera = self.rig.camera.capabilities
+            self.recording = recording_of(self.rig.camera)
+            self._find_truth()
+            monitor = Monitor(self.rig, self.grabber.counts, self, self.fusing.executor, self.bus)
+            mode = self._first_mode()
+            # Neither status nor log may come once the sinks are closed.
+            with logged_events(self.emit), Heartbeat(monitor.beat):
+                self._announce()
+                mode.prepare()
+                self._wait_ready()
+                notify(READY)
+                self._work(mode)
+                self._finish()
+
+    def _work(self, mode: Mode) -> None:
+        """One mode after the other, as they are asked for; raises what one that was not asked for raises."""
+        entered: Future[None] = Future()
+        while not self.stop.is_set():
+            self.mode = mode
+            self.control.renew()
+            if self.rig.is_open:
+                self.states.enter(mode.state, mode.reason)
+            entered.set_result(None)
+            following = self._after(mode)
+            if following is None:
+                return
+            mode, entered = following
+
+    def _after(self, mode: Mode) -> "tuple[Mode, Future[None]] | None":
+        """Work in a mode until it ends; what follows it."""
+        try:
+            mode.run()
+        except MotionError as error:
+            if self.once:
+                raise
+            self.agenda.give_up(IoFailureError(str(error)))
+            return self._standing_still(error), Future()
+        following = self.agenda.take()
+        if following is None and self.control.halted and not self.stop.is_set():
+            following = Idle(self), Future()
+        if following is None or following[0].state != "scanning":
+            self.agenda.give_up(InvalidStateError("the scan ended before its turn came"))
+        if following is not None and following[0].state != "idle":
+            self.states.mend("stage")
+        return following
+
+    def _standing_still(self, error: MotionError) -> Mode:
+        """Nothing moves any more: what made the stage unsafe needs a person, who starts it again."""
+        _log.error("%s", error)
+        self.grabber.counts.error = str(error)
+        self.states.degrade("stage", str(error), "look at the stage, then start again")
+        return Idle(self, str(error))
+
+    def _first_mode(self) -> Mode:
+        first = self.configuration.start
+        if first == "idle":
+            return Idle(self)
+        resumes = self.configuration.recording.enabled and not self.once
+        return Streaming(self) if first == "stream" else Scanning(self, resumes=resumes)
+
+    def _refuse_all(self) -> None:
+        """Nobody serves any more: say so to all who wait, and to all who come."""
+        self.control.inbox.close("the service ends")
+        self.agenda.close("the service ends")
+
+    def _announce(self) -> None:
+        known, recording = self.rig.camera.capabilities, self.recording
+        settings, calibration = self.configuration, self.rig.calibration
+        expected = settings.stream.window if settings.start == "stream" else settings.fusion.frames
+        frames = recording.frame_count if recording is not None else expected if self.once else None
+        now = self.rig.clock.now()
+        self.emit(DevicesOpened(known.model, known.source, calibration, frames, now, self._head()))
+        camera_rotation(0.0, 0.0, calibration.mount)  # imports a good part of SciPy, once, before frames come
+
+    def _head(self) -> RecordingHead:
+        return head_of(self.configuration, self.rig, self.fusing.truth, self.planned)
+
+    def _find_truth(self) -> None:
+        upsampling, truth = self.configuration.fusion.upsampling, self.fusing.truth
+        if truth is None or truth.shape[0] != upsampling * self.rig.calibration.height:
+            self.fusing.truth = truth_of(self.rig.camera, upsampling)
+
+    def _wait_ready(self) -> None:
+        why = "the fusion loads its kernels; on its first run here it compiles them, for about two minutes"
+        self.states.enter("starting", why)
+        self.fusing.wait_ready(self.stop)
+
+    def _finish(self) -> None:
+        told = self.stop.is_set()
+        self.states.enter("stopping", "told to stop" if told else "all is captured")
+        notify(STOPPING)
+        self.fusing.finish(_LAST_JOBS if told else None)
+        if not told:
+            self.fusing.require_map(self.ledger.failures)
+
+    @contextmanager
+    def _open_rig(self) -> Iterator[None]:
+        self.rig.open()
+        try:
+            yield
+        finally:
+            self.rig.close()
+
+    def _captured(self, frame: Frame) -> None:
+        self.emit(FrameCaptured(frame, self.rig.calibration.mount))

@@ -1,0 +1,76 @@
+"""Bursts and frames on their way to maps: what becomes of them is told as events."""
+
+import logging
+from collections.abc import Callable, Sequence
+from threading import Event as Flag
+
+import numpy as np
+from numpy.typing import NDArray
+
+from service.errors import ServiceError
+from service.fusion.backlog import Backlog
+from service.fusion.job import Job
+from service.fusion.local import LocalExecutor
+from service.messages.events import Event, FusionFailed, MapFused
+from service.messages.map import FusedMap
+
+_log = logging.getLogger(__name__)
+
+
+class Fusing:
+    """An executor and what waits for it.
+
+    Args:
+        executor: fuses; whoever made it closes it, but nothing comes from it after `close`.
+        emit: told of every map, and of every job without one.
+        lossless: nothing is dropped; whoever is faster waits.
+
+    Attributes:
+        truth: (βH, βW) true distance of the first view, metres, or None.
+    """
+
+    def __init__(self, executor: LocalExecutor, emit: Callable[[Event], None], *, lossless: bool) -> None:
+        self.executor = executor
+        self.backlog = Backlog(self.executor, self._fused, self._failed, lossless=lossless)
+        self.truth: NDArray[np.float32] | None = None
+        self._emit = emit
+        self._grid_moved = False
+        self._streams = 0
+
+    def wait_ready(self, stop: Flag) -> None:
+        """Wait until the kernels are compiled; raises `WorkerError` where the fusion was given up."""
+        while not stop.is_set():
+            try:
+                self.executor.ready.result(timeout=0.2)
+                return
+            except TimeoutError:
+                continue
+
+    def finish(self, timeout: float | None) -> None:
+        """Do what is left, or what can be done of it within `timeout` seconds."""
+        if not self.backlog.drain(timeout):
+            self.backlog.clear()
+
+    def close(self) -> None:
+        """End the process that fuses, whatever it does: nothing comes from it any more."""
+        self.executor.close()
+
+    def next_stream(self) -> int:
+        """The number of a stream that begins; its grid is that of the first view."""
+        self._streams += 1
+        self._grid_moved = False
+        return self._streams
+
+    def require_map(self, failures: Sequence[str]) -> None:
+        """Raise `ServiceError` unless there was one map."""
+        if self.backlog.fused == 0:
+            raise ServiceError(f"no burst could be fused: {failures[-1] if failures else 'there was none'}")
+
+    def _fused(self, result: FusedMap) -> None:
+        # The truth is that of the first view: a stream whose grid has moved has none.
+        self._grid_moved = self._grid_moved or bool(result.report.notes)
+        self._emit(MapFused(result, None if self._grid_moved else self.truth))
+
+    def _failed(self, job: Job, error: Exception) -> None:
+        _log.error("number %d could not be fused: %s", job.number, error)
+        self._emit(FusionFailed(job.number, str(error)))

@@ -1,0 +1,133 @@
+"""Puts the counts of all parts together into the status, once a second."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from service.capture.loop import CaptureCounts
+from service.capture.rig import Rig
+from service.daemon.systemd import WATCHDOG, notify
+from service.fusion.executor import Executor
+from service.messages.events import StatusTold
+from service.messages.status import Drops, InForce, LastError, Rates, Status, Totals
+from service.sinks.bus import Bus
+from service.sinks.recorder import Recorder
+from service.versions import software_version
+
+if TYPE_CHECKING:
+    from service.daemon.daemon import Daemon
+
+
+class Monitor:
+    """Watches one run.
+
+    Args:
+        rig: open.
+        capture: what happened to frames.
+        daemon: the run.
+        executor: who fuses.
+        bus: who takes events.
+    """
+
+    def __init__(
+        self, rig: Rig, capture: CaptureCounts, daemon: Daemon, executor: Executor, bus: Bus
+    ) -> None:
+        self._rig, self._capture, self._daemon = rig, capture, daemon
+        self._executor, self._bus = executor, bus
+        self._camera = rig.camera.capabilities  # kept: a lost camera cannot be asked
+        self._began = time.monotonic()
+        self._seen = -1
+        self._error: LastError | None = None
+
+    def beat(self) -> None:
+        """Look after the sinks, tell the status, feed the watchdog."""
+        self._bus.watch()
+        self._judge_sinks()
+        status = self.status()
+        self._daemon.emit(StatusTold(status))
+        self._tell_systemd(status)
+
+    def status(self) -> Status:
+        """How things are now."""
+        daemon, states, ledger = self._daemon, self._daemon.states, self._daemon.ledger
+        fusion, sinks = self._executor.state, self._bus.states
+        lost = {sink.name: sink.dropped for sink in sinks}
+        recorder = self._bus.sink("recorder")
+        return Status(
+            timestamp=self._rig.clock.now(),
+            version=software_version(),
+            state=states.state,
+            reason=states.reason,
+            paused=daemon.control.paused,
+            seconds=states.seconds,
+            degraded=states.degraded,
+            source=self._camera.source,
+            model=self._camera.model,
+            serial=self._camera.serial,
+            uptime=time.monotonic() - self._began,
+            totals=Totals(
+                frames=self._capture.frames,
+                bursts=self._capture.bursts,
+                fused=ledger.fused,
+                unconverged=ledger.unconverged,
+            ),
+            rates=Rates(frames=ledger.frames.rate, fused=ledger.maps.rate),
+            drops=Drops(
+                camera=self._capture.dropped,
+                stale=self._capture.stale,
+                faults=self._capture.faults,
+                bursts=self._capture.interrupted + daemon.fusing.backlog.dropped,
+                skipped=daemon.fusing.backlog.skipped,
+                fusions=ledger.failed,
+                published=lost.get("publisher", 0),
+                recorded=lost.get("recorder", 0),
+            ),
+            fusion=fusion,
+            latency=ledger.latency,
+            recorder=recorder.state if isinstance(recorder, Recorder) else None,
+            sinks=sinks,
+            commands=daemon.command_counts(),
+            in_force=self._in_force(),
+            error=self._last_error(self._capture.error or fusion.error),
+        )
+
+    def _in_force(self) -> InForce:
+        settings = self._daemon.configuration
+        return InForce(
+            method=settings.fusion.method,
+            upsampling=settings.fusion.upsampling,
+            regularization=settings.fusion.regularization,
+            frames=settings.fusion.frames,
+            window=settings.stream.window,
+            span=settings.plan.span,
+            integration_time=self._rig.camera.settings.integration_time,
+        )
+
+    def _last_error(self, what: str | None) -> LastError | None:
+        if not what:
+            self._error = None
+        elif self._error is None or self._error.what != what:
+            self._error = LastError(what=what, timestamp=self._rig.clock.now())
+        return self._error
+
+    def _judge_sinks(self) -> None:
+        for sink in self._bus.states:
+            if sink.state in ("restarting", "failed"):
+                remedy = (
+                    "it is started again by itself" if sink.state == "restarting" else "restart the service"
+                )
+                self._daemon.states.degrade(f"sink {sink.name}", f"{sink.name}: {sink.error}", remedy)
+            else:
+                self._daemon.states.mend(f"sink {sink.name}")
+
+    def _tell_systemd(self, status: Status) -> None:
+        """One line of status; the watchdog is fed while the state's own kind of progress is made."""
+        line = (
+            f"STATUS={status.state}, {status.rates.frames:.1f} frames/s, {status.totals.fused} maps, "
+            f"{status.drops.camera} frames dropped"
+        )
+        progress = self._rig.beats + status.totals.frames
+        alive = progress != self._seen
+        self._seen = progress
+        notify(line, *([WATCHDOG] if alive else []))

@@ -1,0 +1,139 @@
+"""A run with all that the configuration asks for: session, sinks, daemon; and what came of it."""
+
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+
+from service.capture.rig import Rig
+from service.config.sections import Configuration
+from service.daemon.commanded import commanded
+from service.daemon.daemon import Daemon
+from service.files import made_directory
+from service.fusion.local import LocalExecutor
+from service.messages.summary import BurstSummary, RunSummary
+from service.sinks.bus import Bus
+from service.sinks.configured import configured_sinks
+from service.sinks.pictures import Pictures
+from service.sinks.publisher import Publisher
+from service.sinks.recorder import Recorder
+from service.sinks.recording_directory import FileSeries, RecordingDirectory
+from service.sinks.sink import Sink
+from service.sinks.summaries import Summaries
+from service.wire.session import open_session
+
+FUSED_FILE = "fused.mcap"
+
+_HANDOVER, _HANDOVER_TOLD = 30.0, 2.5
+"""Seconds that the sinks get at the end for what waits: after a whole run, and when told to stop."""
+
+SinkMakers = Mapping[str, Callable[[], Sink]]
+
+
+def run_service(
+    configuration: Configuration,
+    rig: Rig,
+    *,
+    output: Path | None = None,
+    once: bool = False,
+    sinks: SinkMakers | None = None,
+    executor: LocalExecutor | None = None,
+    started: Callable[[Daemon], None] = lambda _: None,
+) -> RunSummary:
+    """Run the service until it is over, and hand everything over.
+
+    Args:
+        configuration: what to do.
+        rig: the configured devices, closed.
+        output: directory for `fused.mcap` and pictures, or None.
+        once: one pass, in which nothing is dropped.
+        sinks: more that take the events, by name.
+        executor: fuses; None = one of its own, which is closed in the end.
+        started: called with the daemon before it runs, so that it can be stopped.
+
+    Raises:
+        ConfigurationError: a sink that cannot be used.
+        SessionError: no Zenoh session.
+        OutputError: the output directory cannot be made.
+        DriverError, ServiceError: as `Daemon.run`; nothing is left in `output` then.
+    """
+    began = time.monotonic()
+    summaries: deque[BurstSummary] = deque(maxlen=1000)
+    makers = {**configured_sinks(configuration.sinks), **(sinks or {})}
+    with ExitStack() as stack:
+        if executor is None:
+            executor = stack.enter_context(LocalExecutor.configured(configuration))
+        session = stack.enter_context(open_session(file=configuration.zenoh.config))
+        if output is not None:
+            stack.enter_context(made_directory(output))
+        bus = stack.enter_context(Bus(lossless=once))
+        daemon = Daemon(configuration, rig, bus, executor, once=once)
+        bus.add("summaries", lambda: Summaries(summaries))
+        bus.add("publisher", lambda: Publisher(session, configuration.zenoh.prefix, lossless=once))
+        if configuration.recording.enabled:
+            bus.add("recorder", lambda: recorder_of(configuration), must_open=False)
+        for name, make in (*_outputs(configuration, output, once).items(), *makers.items()):
+            bus.add(name, make)
+        stack.enter_context(commanded(daemon, session))
+        started(daemon)
+        daemon.run()
+        publisher = bus.sink("publisher")
+        bus.close(_HANDOVER_TOLD if daemon.stop.is_set() else _HANDOVER)
+        published = publisher.published if isinstance(publisher, Publisher) else 0
+        return _summary(daemon, bus, summaries, published, time.monotonic() - began)
+
+
+def recorder_of(configuration: Configuration) -> Recorder:
+    """The recorder of a service: files in the recording directory."""
+    section = configuration.recording
+    return Recorder(RecordingDirectory(section, time.time_ns), maps=section.maps)
+
+
+def _outputs(configuration: Configuration, output: Path | None, once: bool) -> dict[str, Callable[[], Sink]]:
+    """The sinks that write to `--output`."""
+    if output is None:
+        return {}
+    section = configuration.output
+    budget = None if once else section.budget
+    made: dict[str, Callable[[], Sink]] = {
+        "fused file": lambda: Recorder(FileSeries(output / FUSED_FILE, section.rotate_size, budget))
+    }
+    if section.preview:
+        keep = None if once else section.pictures
+        made["pictures"] = lambda: Pictures(output, keep=keep, lossless=once)
+    return made
+
+
+def _summary(
+    daemon: Daemon, bus: Bus, summaries: deque[BurstSummary], published: int, seconds: float
+) -> RunSummary:
+    known, counts = daemon.camera, daemon.grabber.counts
+    assert known is not None
+    return RunSummary(
+        source=known.source,
+        model=known.model,
+        frames=counts.frames,
+        stale=counts.stale,
+        dropped_frames=counts.dropped,
+        bursts=counts.bursts,
+        fused=tuple(summaries),
+        maps=daemon.ledger.fused,
+        published=published,
+        files=tuple(bus.files),
+        seconds=seconds,
+        lost=tuple(_lost(daemon, bus)),
+    )
+
+
+def _lost(daemon: Daemon, bus: Bus) -> list[str]:
+    recording = daemon.recording
+    said = [f"{recording.path}: {recording.damage}"] if recording is not None and recording.damage else []
+    said += daemon.ledger.failures
+    if daemon.fusing.backlog.dropped:
+        said.append(
+            f"{daemon.fusing.backlog.dropped} bursts not fused: the fusion was slower than the capture"
+        )
+    if daemon.grabber.counts.dropped and not (daemon.camera and daemon.camera.carries_pose):
+        said.append(f"{daemon.grabber.counts.dropped} frames dropped by the camera")
+    return said + bus.losses

@@ -1,0 +1,173 @@
+"""The executor on this machine: one process, which can neither stall the capture nor end the daemon."""
+
+import logging
+import time
+from collections import deque
+from concurrent.futures import Future
+from dataclasses import replace
+from threading import Condition, Thread
+from typing import Self
+
+from service.config.sections import Configuration, FusionSection
+from service.errors import HungError, WorkerError
+from service.fusion.deadline import Deadline
+from service.fusion.job import Answer, Failure, Job, Ready, WarmUp
+from service.messages.map import FusedMap
+from service.messages.status import FusionState
+from service.processes.worker import Worker
+from solver.errors import FusionError
+
+_START_TIMEOUT = 600.0
+"""Seconds to import and compile the kernels: a few; two minutes where nothing is cached yet."""
+
+_STARTS = 3
+"""Starts in a row that may fail before the executor is given up."""
+
+_log = logging.getLogger(__name__)
+
+
+class LocalExecutor:
+    """Fuses job after job in a process of low priority.
+
+    A process that dies or hangs is replaced, and its job is done again.
+
+    Args:
+        settings: what to be ready for; `timeout` bounds each job.
+        window: of the stream to be ready for; None = bursts only.
+    """
+
+    def __init__(self, settings: FusionSection, window: int | None = None) -> None:
+        self._settings, self._window = settings, window
+        self._worker = Worker(
+            "fusion process", "service.fusion.answering:answering", cancelled=lambda: self._closing
+        )
+        self._deadline = Deadline()
+        self._jobs: deque[tuple[Job, Future[FusedMap]]] = deque()
+        self._changed = Condition()
+        self._restarts = self._hung = 0
+        self._error: str | None = None
+        self._closing = False
+        self.ready: Future[float] = Future()
+        """Seconds that it took until the kernels were ready; raises `WorkerError` where it was given up."""
+        self._thread = Thread(target=self._run, name="fusion", daemon=True)
+        self._thread.start()
+
+    @classmethod
+    def configured(cls, configuration: Configuration) -> Self:
+        """One that is ready for what the service does first."""
+        window = configuration.stream.window if configuration.start == "stream" else None
+        return cls(configuration.fusion, window)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def submit(self, job: Job) -> "Future[FusedMap]":
+        """Queue a job."""
+        future: Future[FusedMap] = Future()
+        with self._changed:
+            waiting = [item for item in self._jobs if not item[1].cancelled()]
+            self._jobs = deque([*waiting, (job, future)])
+            self._changed.notify_all()
+        return future
+
+    @property
+    def state(self) -> FusionState:
+        waiting = sum(not future.cancelled() for _, future in list(self._jobs))
+        return FusionState(backlog=waiting, restarts=self._restarts, hung=self._hung, error=self._error)
+
+    @property
+    def pid(self) -> int | None:
+        """Of the process at work."""
+        return self._worker.pid
+
+    def close(self) -> None:
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
+        self._worker.kill()
+        self._thread.join(5.0)
+        for _, future in self._jobs:
+            future.cancel()
+
+    def _run(self) -> None:
+        fatal: Exception | None = None
+        try:
+            self.ready.set_result(self._start())
+        except Exception as error:  # whatever it is, whoever waits must hear of it
+            fatal = error
+            self.ready.set_exception(error)
+        while (item := self._next()) is not None:
+            job, future = item
+            if future.set_running_or_notify_cancel():
+                try:
+                    future.set_result(self._done(job, fatal))
+                except Exception as error:
+                    future.set_exception(error)
+        self._worker.kill()
+
+    def _next(self) -> "tuple[Job, Future[FusedMap]] | None":
+        with self._changed:
+            self._changed.wait_for(lambda: self._closing or bool(self._jobs))
+            return None if self._closing else self._jobs.popleft()
+
+    def _done(self, job: Job, fatal: Exception | None) -> FusedMap:
+        """A job's map; tried once more where the process died or hung over it."""
+        if fatal is not None:
+            raise fatal
+        if self._worker.pid is None:
+            self._start()
+        try:
+            return self._asked(job, self._deadline.of(job))
+        except WorkerError as error:
+            self._renew(job, error)
+        try:
+            return self._asked(job, job.settings.timeout)
+        except WorkerError as error:
+            self._renew(job, error)
+            raise
+
+    def _asked(self, job: Job, timeout: float) -> FusedMap:
+        began = time.monotonic()
+        answer: Answer = self._worker.ask(job, timeout)
+        if isinstance(answer, Failure):
+            raise FusionError(answer.reason)
+        assert isinstance(answer, FusedMap)
+        self._error = None
+        self._deadline.learn(job, time.monotonic() - began)
+        latency = time.monotonic() - job.completed
+        return replace(answer, report=answer.report.model_copy(update={"latency": latency}))
+
+    def _renew(self, job: Job, error: WorkerError) -> None:
+        if self._closing:
+            raise error
+        self._restarts += 1
+        self._hung += isinstance(error, HungError)
+        self._error = str(error)
+        _log.error("%s over number %d; it is started again", error, job.number)
+        self._start()
+
+    def _start(self) -> float:
+        """Start the process and have it ready; raises `WorkerError` where that cannot be done."""
+        for attempt in range(1, _STARTS + 1):
+            try:
+                self._worker.start()
+                answer: Answer = self._worker.ask(WarmUp(self._settings, self._window), _START_TIMEOUT)
+            except WorkerError as error:
+                if attempt == _STARTS or self._closing:
+                    self._worker.kill()
+                    raise
+                self._restarts += 1
+                _log.error("%s; starting it again", error)
+                continue
+            if isinstance(answer, Failure):
+                self._worker.kill()
+                raise WorkerError(f"the fusion cannot work as configured: {answer.reason}")
+            if not isinstance(answer, Ready):
+                self._worker.kill()
+                raise WorkerError("the fusion process answers as another version would: install it anew")
+            _log.info("fusion ready after %.1f s", answer.seconds)
+            return answer.seconds
+        raise AssertionError("unreachable")

@@ -1,0 +1,1 @@
+"""One-shot work: fuse, import, export, simulate, a quick look."""

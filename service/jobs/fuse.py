@@ -1,0 +1,90 @@
+"""Fuses a recording without any service around it."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+from drivers.bursts import ExpectedFrames
+from drivers.calibration import Calibration
+from drivers.messages import calibration_message, frame_messages
+from drivers.recording import Recording, RecordingWriter, attachments
+from service.config.sections import FusionSection
+from service.fusion.fuse import fuse_burst
+from service.messages.burst import Burst
+from service.messages.encoding import fused_messages
+from service.messages.map import FusedMap
+from solver.result import Progress
+
+Announce = Callable[[Burst], Progress | None]
+"""Told of each burst before it is fused; gives back whom the solver tells how far it is."""
+
+
+def recorded_bursts(
+    recording: Recording, settings: FusionSection, calibration: Calibration | None = None
+) -> Iterator[Burst]:
+    """The bursts of a recording, each with its own calibration unless another is given.
+
+    One without a number of its own is numbered from 0. `ExpectedFrames` says what one lacks.
+
+    Raises:
+        RecordingError: no calibration, or frames that do not fit it.
+    """
+    expected = ExpectedFrames(settings.frames, recording.planned)
+    for number, frames in enumerate(recording.bursts(settings.frames)):
+        first = frames[0]
+        known = calibration or recording.calibration_of(first)
+        name = number if first.burst is None else first.burst
+        yield Burst(name, tuple(frames), known, expected.of(frames))
+
+
+def fuse_recording(
+    recording: Recording,
+    settings: FusionSection,
+    calibration: Calibration | None = None,
+    output: Path | None = None,
+    announce: Announce = lambda _: None,
+) -> Iterator[FusedMap]:
+    """Fuse burst after burst; with `output`, write frames and maps into a recording, whole or not at all.
+
+    Messages get the times of the frames for their log times, so that the result depends on the input alone.
+
+    Args:
+        recording: what to fuse.
+        settings: how.
+        calibration: replaces the recording's own.
+        output: MCAP file to write.
+        announce: told of each burst.
+
+    Raises:
+        RecordingError: no calibration, or frames that do not fit it.
+        FusionError: a burst that cannot be fused.
+        StorageError: the file cannot be written.
+    """
+    with ExitStack() as stack:
+        writer = None
+        if output is not None:
+            writer = stack.enter_context(RecordingWriter(output, recording.metadata))
+            _copy_attachments(recording, writer)
+        for burst in recorded_bursts(recording, settings, calibration):
+            result = fuse_burst(burst, settings, announce(burst))
+            if writer is not None:
+                _write(writer, burst, result)
+            yield result
+
+
+def _copy_attachments(recording: Recording, writer: RecordingWriter) -> None:
+    for name in (attachments.CONFIGURATION, attachments.TRUTH):
+        for entry in recording.attached(name):
+            writer.attach(name, recording.load(entry), entry.media_type, entry.log_time)
+
+
+def _write(writer: RecordingWriter, burst: Burst, result: FusedMap) -> None:
+    writer.attach_calibration(burst.calibration, burst.reference.timestamp)
+    for frame in burst.frames:
+        for message in frame_messages(frame, burst.calibration.mount):
+            writer.write(message, frame.timestamp)
+    writer.write(
+        calibration_message(burst.calibration, burst.reference.timestamp), burst.frames[-1].timestamp
+    )
+    for message in fused_messages(result):
+        writer.write(message, burst.frames[-1].timestamp)

@@ -1,0 +1,1 @@
+"""What travels: events, bursts, maps; the table of topics; encoding and decoding."""

@@ -1,0 +1,145 @@
+"""How the service is doing: the payload of `status`."""
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Source = Literal["device", "replay", "simulation"]
+State = Literal["starting", "idle", "scanning", "streaming", "recovering", "stopping"]
+
+
+class _Part(BaseModel):
+    """Read too: what a newer service adds is passed over, what an older one lacks has its default."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+
+class Degraded(_Part):
+    """Something that does not work while the rest goes on."""
+
+    what: str = Field(description="What is wrong.")
+    remedy: str = Field("", description="What mends it.")
+    seconds: float = Field(0.0, ge=0, description="For how long.")
+
+
+class Drops(_Part):
+    """What was lost since the service started, by cause."""
+
+    camera: int = Field(0, ge=0, description="Frames that the camera took and that never arrived.")
+    stale: int = Field(0, ge=0, description="Frames exposed before the stage stood still; not a fault.")
+    faults: int = Field(0, ge=0, description="Frames or movements that failed and were tried again.")
+    bursts: int = Field(0, ge=0, description="Bursts given up, or skipped because the fusion was behind.")
+    skipped: int = Field(
+        0, ge=0, description="Frames of a stream without a map of their own: the fusion was behind."
+    )
+    fusions: int = Field(0, ge=0, description="Bursts, or frames of a stream, whose fusion failed.")
+    published: int = Field(0, ge=0, description="Events that the publisher had no room for.")
+    recorded: int = Field(0, ge=0, description="Events that the recorder could not write.")
+
+
+class Totals(_Part):
+    """What was done since the service started."""
+
+    frames: int = Field(0, ge=0, description="Frames captured.")
+    bursts: int = Field(0, ge=0, description="Bursts completed.")
+    fused: int = Field(0, ge=0, description="Maps fused.")
+    unconverged: int = Field(0, ge=0, description="Maps among them whose solve did not converge.")
+
+
+class Rates(_Part):
+    """How fast, over the last ten seconds."""
+
+    frames: float = Field(0.0, ge=0, description="Frames per second.")
+    fused: float = Field(0.0, ge=0, description="Maps per second.")
+
+
+class FusionState(_Part):
+    """The process that fuses."""
+
+    backlog: int = Field(0, ge=0, description="Bursts, or frames of a stream, that wait.")
+    restarts: int = Field(0, ge=0, description="Times that the process had to be started again.")
+    hung: int = Field(0, ge=0, description="Times among them that it did not answer in time.")
+    error: str | None = Field(None, description="Its last fault; none = none, or maps have come since.")
+
+
+class RecorderState(_Part):
+    """What the recorder is doing."""
+
+    recording: bool = Field(False, description="Whether it records.")
+    file: str | None = Field(None, description="The file being written, or the last one.")
+    size: int = Field(0, ge=0, description="Bytes in it.")
+    messages: int = Field(0, ge=0, description="Messages written by this recorder.")
+    free: int | None = Field(None, description="Bytes free on the disk; none while nothing was recorded.")
+
+
+class SinkState(_Part):
+    """One of those that take the events."""
+
+    name: str
+    state: Literal["running", "restarting", "failed", "ended"] | str = Field(
+        "running", description="Whether it works."
+    )
+    waiting: int = Field(0, ge=0, description="Events in its queue.")
+    taken: int = Field(0, ge=0, description="Events worked off.")
+    dropped: int = Field(0, ge=0, description="Events lost to it.")
+    faults: int = Field(0, ge=0, description="Times that it failed.")
+    abandoned: int = Field(0, ge=0, description="Times that it hung and was given up.")
+    error: str | None = Field(None, description="Why it does not run, or its last fault; none = none.")
+
+
+class CommandCounts(_Part):
+    """What was asked of the service."""
+
+    accepted: int = Field(0, ge=0, description="Commands carried out.")
+    refused: dict[str, int] = Field({}, description="Commands refused, by code.")
+
+
+class LastError(_Part):
+    """What went wrong last; gone once it is over."""
+
+    what: str = Field("", description="In words.")
+    timestamp: int = Field(0, description="When it was seen, ns since the epoch.")
+
+
+class InForce(_Part):
+    """What the next burst is captured and fused with."""
+
+    method: str = Field("unknown", description="Of the fusion.")
+    upsampling: int = Field(0, ge=0, description="β.")
+    regularization: float | str = Field("unknown", description="λ, or `auto`.")
+    frames: int = Field(0, ge=0, description="Of a burst.")
+    window: int = Field(0, ge=0, description="Frames of a stream that are fused together.")
+    span: float = Field(0.0, ge=0, description="Width of the field of poses, low-resolution pixels.")
+    integration_time: float = Field(0.0, ge=0, description="Seconds per phase sample.")
+
+
+class Status(_Part):
+    """How the service is doing; once a second."""
+
+    timestamp: int = Field(0, description="When this was true, ns since the epoch.")
+    version: str = Field("unknown", description="Version of the software.")
+    state: State | str = Field("unknown", description="What it is doing.")
+    reason: str = Field("", description="Why it is in that state.")
+    paused: bool = Field(False, description="Whether it stands still between two poses.")
+    seconds: float = Field(0.0, ge=0, description="For how long it has been in that state.")
+    degraded: tuple[Degraded, ...] = Field((), description="What does not work meanwhile.")
+    source: Source | str | None = Field(
+        None, description="Where frames come from; none while there is no camera."
+    )
+    model: str | None = Field(None, description="What the camera is.")
+    serial: str | None = Field(None, description="Its serial number.")
+    uptime: float = Field(0.0, ge=0, description="Seconds since the start.")
+    totals: Totals = Totals()
+    rates: Rates = Rates()
+    drops: Drops = Drops()
+    fusion: FusionState = FusionState()
+    latency: float | None = Field(
+        None, description="Seconds from the last frame of the last burst to its map."
+    )
+    recorder: RecorderState | None = Field(None, description="What is recorded; none = no recorder.")
+    sinks: tuple[SinkState, ...] = Field((), description="Who takes the events, and how that goes.")
+    commands: CommandCounts = CommandCounts()
+    in_force: InForce = InForce()
+    error: LastError | None = Field(
+        None, description="The last error of capture or fusion; none = there is none, or it is over."
+    )

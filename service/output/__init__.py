@@ -1,1 +1,0 @@
-"""Files: recordings, pictures, exports."""

@@ -1,0 +1,1 @@
+"""Plans of poses, and what they will give."""

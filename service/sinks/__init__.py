@@ -1,0 +1,1 @@
+"""Who takes events: publisher, recorder, pictures."""

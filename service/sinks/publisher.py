@@ -1,0 +1,185 @@
+"""Publishing on Zenoh: messages by topic, each with the policy of the table."""
+
+import logging
+import time
+from collections.abc import Sequence
+from threading import Lock
+from typing import Any
+
+import zenoh
+import zenoh.ext
+
+from drivers.messages import Message
+from service.messages.encoding import event_messages, points_of
+from service.messages.events import Delivery, Event, FrameCaptured, MapFused
+from service.messages.topics import ALIVE, FUSED_POINTS, TOPICS, Congestion, Topic
+from service.sinks.sink import Room, Sink
+from service.wire.addresses import DEFAULT_PREFIX
+from service.wire.encoding import encoding
+from service.wire.sockets import bytes_under_way
+
+_MISS_HEARTBEAT = 1.0
+"""Seconds after which a subscriber that recovers losses hears of the last message, if it missed that one."""
+
+_HANDOVER, _HANDOVER_LIVE = 25.0, 3.0
+"""Seconds that subscribers get at the end to take what was published: in a lossless run, and live."""
+
+_POLL = 0.02
+_QUIET_POLLS = 3
+"""Drained means: nothing under way in three looks 20 ms apart. Between two looks Zenoh's sender refills an
+empty socket, and a peer maps shared memory that it has just been told of."""
+
+_BLIND_WAIT = 0.5
+"""Seconds granted to peers that cannot be looked at (links other than TCP)."""
+
+_log = logging.getLogger(__name__)
+
+
+class Publisher(Sink):
+    """Publishes under a prefix; `get` on what the table keeps is answered with the latest value.
+
+    Args:
+        session: an open session; it must outlive the publisher.
+        prefix: what every key begins with.
+        lossless: a put waits for slow subscribers instead of dropping (a replay that has time).
+    """
+
+    room = Room(2000, 64 << 20)
+    """Ten seconds of a camera at 50 frames/s, or a dozen fused maps."""
+    droppable = (FrameCaptured, MapFused)
+
+    def __init__(
+        self, session: zenoh.Session, prefix: str = DEFAULT_PREFIX, *, lossless: bool = False
+    ) -> None:
+        super().__init__()
+        self._session, self._prefix, self._lossless = session, prefix, lossless
+        self._lock = Lock()
+        self._latest: dict[str, Message | MapFused] = {}
+        self._declared: list[Any] = []
+        self._undelivered = False
+        self.published = 0
+
+    def open(self) -> None:
+        published = [topic for topic in TOPICS.values() if topic.congestion is not Congestion.NONE]
+        self._publishers = {topic.name: self._declare(topic) for topic in published}
+        self._declared = [self._answer(topic) for topic in published if topic.latest]
+        self._declared += self._publishers.values()
+        self._declared.append(self._session.liveliness().declare_token(self.key(ALIVE)))
+
+    def take(self, event: Event) -> None:
+        if isinstance(event, Delivery):
+            event.deliver()
+            return
+        self.publish(event_messages(event))
+        if isinstance(event, MapFused):
+            self._publish_points(event)
+
+    def close(self) -> None:
+        """Hand over what was published, then withdraw everything declared."""
+        timeout = _HANDOVER if self._lossless else _HANDOVER_LIVE
+        if self._declared and not self.drain(timeout):
+            self._undelivered = True
+            _log.warning("a subscriber did not take everything within %g s; what it missed is lost", timeout)
+        while self._declared:
+            self._declared.pop(0).undeclare()
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        return ("a subscriber did not take everything that was published",) if self._undelivered else ()
+
+    def key(self, topic: str) -> str:
+        """The Zenoh key of a topic."""
+        return f"{self._prefix}/{topic}"
+
+    def publish(self, messages: Sequence[Message]) -> None:
+        """Publish messages, in order."""
+        for message in messages:
+            if self.abandoned.is_set():
+                return
+            self._keep(message.topic, message)
+            self._put(self._publishers[message.topic], message)
+
+    def drain(self, timeout: float = 10.0) -> bool:
+        """Wait until subscribers have received all that was published; False where that was not seen in time.
+
+        Zenoh has no such call, and closing a session loses what a subscriber has not read yet (shared memory
+        above all: it goes with its owner). So the kernel is asked what is still under way on each connection.
+        """
+        deadline = time.monotonic() + timeout
+        quiet = 0
+        while quiet < _QUIET_POLLS:
+            under_way = self._under_way()
+            if under_way is None:
+                time.sleep(_BLIND_WAIT)
+                return True
+            quiet = 0 if under_way else quiet + 1
+            if time.monotonic() > deadline:
+                return False
+            time.sleep(_POLL)
+        return True
+
+    def _publish_points(self, event: MapFused) -> None:
+        """The points of a map are made only while somebody listens, or when they are asked for."""
+        self._keep(FUSED_POINTS, event)
+        publisher = self._publishers[FUSED_POINTS]
+        if publisher.matching_status.matching:
+            self._put(publisher, points_of(event))
+
+    def _keep(self, topic: str, latest: Message | MapFused) -> None:
+        if TOPICS[topic].latest:
+            with self._lock:
+                self._latest[topic] = latest
+
+    def _put(self, publisher: Any, message: Message) -> None:
+        publisher.put(message.payload, encoding=encoding(message))
+        self.published += 1
+
+    def _declare(self, topic: Topic) -> Any:
+        blocks = self._lossless or topic.congestion is Congestion.BLOCK
+        policy = zenoh.CongestionControl.BLOCK if blocks else zenoh.CongestionControl.DROP
+        # Frames give way to fused maps and reports on a thin link.
+        priority = zenoh.Priority.DATA if topic.latest else zenoh.Priority.DATA_LOW
+        key = self.key(topic.name)
+        if not topic.latest or _is_lazy(topic):
+            return self._session.declare_publisher(key, congestion_control=policy, priority=priority)
+        return zenoh.ext.declare_advanced_publisher(
+            self._session,
+            key,
+            congestion_control=policy,
+            priority=priority,
+            cache=zenoh.ext.CacheConfig(max_samples=1),
+            publisher_detection=True,
+            sample_miss_detection=zenoh.ext.MissDetectionConfig(
+                heartbeat=None, sporadic_heartbeat=_MISS_HEARTBEAT
+            ),
+        )
+
+    def _answer(self, topic: Topic) -> zenoh.Queryable[None]:
+        key = self.key(topic.name)
+
+        def reply(query: zenoh.Query) -> None:
+            with query:
+                with self._lock:
+                    latest = self._latest.get(topic.name)
+                if latest is not None and not self.abandoned.is_set():
+                    message = points_of(latest) if isinstance(latest, MapFused) else latest
+                    query.reply(key, message.payload, encoding=encoding(message))
+
+        return self._session.declare_queryable(key, reply, complete=True)
+
+    def _under_way(self) -> int | None:
+        ports = []
+        for link in self._session.info.links():
+            if not link.src.startswith("tcp/") and not link.src.startswith("tls/"):
+                return None
+            ports.append((_port(link.src), _port(link.dst)))
+        return bytes_under_way(ports)
+
+
+def _is_lazy(topic: Topic) -> bool:
+    """Made on demand: an advanced publisher cannot tell whether anybody listens, and its cache needs all."""
+    return topic.name == FUSED_POINTS
+
+
+def _port(locator: str) -> int:
+    return int(locator.partition("?")[0].rpartition(":")[2])

@@ -1,0 +1,100 @@
+"""A fused map as a surface, seen from the side: what tells sharp edges from smeared ones at a glance."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.geometry import normals_from_points, points_from_distance
+from solver.positions import rotation_matrix
+
+_AMBIENT = 0.25
+_SIZE = 640, 480
+"""Columns and rows of the picture."""
+
+_GRAZING = 0.12
+"""Cosine to the ray below which a pixel belongs to no surface, but spans the gap between two."""
+
+_LIGHT = np.array([0.35, -0.5, -1.0], np.float32)
+"""Where it comes from, in the viewer's axes."""
+
+_SMOOTHING = 5
+"""Pixels over which normals are averaged: from one pixel to the next, noise turns them by tens of degrees."""
+
+
+class Surface:
+    """The surface of a map, to be seen from several viewpoints.
+
+    Args:
+        distance: (H, W) radial, NaN = unknown.
+        intrinsics, distortion: of that image.
+    """
+
+    def __init__(
+        self,
+        distance: NDArray[np.float32],
+        intrinsics: NDArray[np.float64],
+        distortion: tuple[float, ...] | None,
+    ) -> None:
+        points = points_from_distance(distance, intrinsics, distortion)
+        normals = normals_from_points(points)
+        known = np.isfinite(points[..., 2]) & np.isfinite(normals[..., 0]) & ~_grazed(points, normals)
+        self._points = points[known].astype(np.float32)
+        self._normals = _smoothed(normals, known)[known].astype(np.float32)
+        self._middle = np.median(self._points, axis=0) if known.any() else np.zeros(3, np.float32)
+
+    def seen_from(self, yaw: float, pitch: float) -> NDArray[np.float32]:
+        """Render it in grey from a viewpoint turned about the scene's middle.
+
+        Lambert's law with a light beside the viewer; the nearest of the points that fall on a pixel is seen.
+
+        Args:
+            yaw, pitch: radians the viewer goes right and up.
+
+        Returns:
+            (rows, columns) float32, 0..1, NaN where nothing is seen.
+        """
+        if not len(self._points):
+            return np.full((2, 2), np.nan, np.float32)
+        turn = (rotation_matrix((0.0, yaw, 0.0)) @ rotation_matrix((pitch, 0.0, 0.0))).astype(np.float32)
+        seen = (self._points - self._middle) @ turn.T
+        facing = (self._normals @ turn.T) @ (_LIGHT / np.linalg.norm(_LIGHT))
+        value = (_AMBIENT + (1 - _AMBIENT) * np.clip(facing, 0, 1)).astype(np.float32)
+        return _splat(seen, value, float(self._middle[2]))
+
+
+def _grazed(points: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.bool_]:
+    with np.errstate(invalid="ignore"):
+        cosine = np.abs((points * normals).sum(axis=2)) / np.linalg.norm(points, axis=2)
+        return np.asarray(cosine < _GRAZING)
+
+
+def _smoothed(normals: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
+    import cv2
+
+    kept = np.where(known[..., None], normals, np.float32(0))
+    mean = cv2.blur(kept, (_SMOOTHING, _SMOOTHING))
+    length = np.linalg.norm(mean, axis=2, keepdims=True)
+    return np.asarray(mean / np.maximum(length, np.finfo(np.float32).tiny), np.float32)
+
+
+def _splat(points: NDArray[np.floating], value: NDArray[np.float32], away: float) -> NDArray[np.float32]:
+    """Points in the viewer's axes about the scene's middle, `away` metres off, far ones painted first."""
+    columns, rows = _SIZE
+    depth = points[:, 2] + away
+    front = depth > 0.1 * away
+    points, value, depth = points[front], value[front], depth[front]
+    plane = points[:, :2] / depth[:, None]
+    # The few farthest points would make the rest small.
+    low, high = np.percentile(plane, 0.5, axis=0), np.percentile(plane, 99.5, axis=0)
+    scale = 0.92 * float(min(columns / (high[0] - low[0]), rows / (high[1] - low[1])))
+    cell = ((plane - (low + high) / 2) * scale + (columns / 2, rows / 2)).astype(np.int32)
+    inside = ((cell >= 0) & (cell < (columns - 1, rows - 1))).all(axis=1)
+    cell, value, depth = cell[inside], value[inside], depth[inside]
+    # Far ones first, so that of several the nearest stays; sixteen bits sort by radix, in no time.
+    steps = (depth.max() - depth) * (65535 / max(float(np.ptp(depth)), 1e-6))
+    order = np.argsort(steps.astype(np.uint16), kind="stable")
+    place = cell[order, 1] * columns + cell[order, 0]
+    # Each point covers two by two pixels, so that a surface seen askew has no gaps.
+    covered = (place[:, None] + np.array([0, 1, columns, columns + 1])).ravel()
+    picture = np.full(rows * columns, np.nan, np.float32)
+    picture[covered] = np.repeat(value[order], 4)
+    return picture.reshape(rows, columns)

@@ -1,0 +1,323 @@
+"""A service commanded from another process, with nothing but Zenoh and JSON."""
+
+import json
+import re
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commanding import configuration, running, stranger
+from scripted import ScriptedCamera, ScriptedStage, frame
+
+from drivers.clock import VirtualClock
+from service.capture.rig import Rig
+from service.messages.events import BurstCaptured, Commanded, HeadChanged, MapFused, ScanProgressed
+from service.planning.check import exposure_of
+
+
+class HastyClock(VirtualClock):
+    """Twenty times as fast as the real one."""
+
+    def sleep(self, seconds: float) -> None:
+        super().sleep(seconds)
+        time.sleep(max(0.0, seconds) / 20)
+
+
+def hasty_rig(**script: object) -> Rig:
+    clock = HastyClock(1_700_000_000_000_000_000)
+    return Rig(ScriptedCamera(clock, **script), ScriptedStage(clock), clock)  # type: ignore[arg-type]
+
+
+def test_a_scan_is_started_paused_resumed_and_stopped(tmp_path: Path, endpoint: str) -> None:
+    with running(configuration(tmp_path, endpoint), hasty_rig()) as service, stranger(endpoint) as far:
+        assert far.ask("cmd/scan", action="start")["state"] == "scanning"
+        service.wait(lambda: len(service.of(MapFused)) >= 2)
+        assert far.ask("cmd/scan", action="pause") | {"reason": ""} == {
+            "state": "scanning",
+            "reason": "",
+            "paused": True,
+        }
+        refused = far.ask("cmd/settings", action="set", integration_time=0.01)
+        assert refused["code"] == "INVALID_STATE"
+        assert "paused in a burst" in refused["message"]
+        assert far.ask("cmd/scan", action="stop")["code"] == "INVALID_STATE"
+        assert far.ask("cmd/scan", action="resume")["paused"] is False
+        bursts = len(service.of(BurstCaptured))
+        service.wait(lambda: len(service.of(BurstCaptured)) > bursts)
+        far.ask("cmd/scan", action="stop")
+        service.wait_state("idle")
+        assert far.ask("cmd/scan", action="resume")["code"] == "INVALID_STATE"
+        asked = [(event.command, event.arguments["action"]) for event in service.of(Commanded)]
+        assert asked == [("cmd/scan", verb) for verb in ("start", "pause", "resume", "stop")]
+
+
+def test_a_cancelled_burst_leaves_nothing_and_the_next_has_another_number(
+    tmp_path: Path, endpoint: str
+) -> None:
+    with running(configuration(tmp_path, endpoint), hasty_rig()) as service, stranger(endpoint) as far:
+        far.ask("cmd/scan", action="start")
+        service.wait(lambda: len(service.of(BurstCaptured)) >= 1)
+        far.ask("cmd/scan", action="pause")
+        assert far.ask("cmd/scan", action="cancel")["paused"] is False
+        service.wait_state("idle")
+        numbers = [event.burst.id for event in service.of(BurstCaptured)]
+        far.ask("cmd/scan", action="once")
+        after = [event.burst.id for event in service.of(BurstCaptured)]
+        assert after[:-1] == numbers
+        assert after[-1] > numbers[-1] + 1
+
+
+def test_one_burst_is_answered_with_its_report_and_map(tmp_path: Path, endpoint: str) -> None:
+    with running(configuration(tmp_path, endpoint), hasty_rig()) as service, stranger(endpoint) as far:
+        reply = far.ask("cmd/scan", action="once")
+        assert reply["report"]["frames"] == 4
+        assert reply["report"]["method"] == "nearest"
+        service.wait_state("idle")
+        far.send("lidarboost/rig/cmd/scan", payload=json.dumps({"action": "once", "map": True}))
+        first, *messages = far.replies()
+        assert first["ok"]["report"]["burst"] == reply["report"]["burst"] + 1
+        assert [m["attachment"] for m in messages] == [
+            "fused/calibration",
+            "fused/depth",
+            "fused/deviation",
+            "fused/amplitude",
+            "fused/report",
+        ]
+        assert messages[1]["encoding"] == "application/protobuf;foxglove.RawImage"
+        assert {m["key"] for m in messages} == {"lidarboost/rig/cmd/scan"}
+        assert len(service.of(BurstCaptured)) == 2
+
+
+def test_one_burst_takes_its_turn_while_scanning(tmp_path: Path, endpoint: str) -> None:
+    settings = configuration(tmp_path, endpoint, start="scan", plan={"pause": 3600})
+    with running(settings, hasty_rig(), "scanning") as service, stranger(endpoint) as far:
+        service.wait(lambda: len(service.of(BurstCaptured)) == 1)  # and an hour of rest
+        assert far.ask("cmd/scan", action="once")["report"]["burst"] == 1
+        assert service.daemon.states.state == "scanning"
+
+
+def test_a_setting_is_in_force_with_the_next_burst(tmp_path: Path, endpoint: str) -> None:
+    rig = hasty_rig()
+    with running(configuration(tmp_path, endpoint, start="scan"), rig, "scanning"), stranger(endpoint) as far:
+        assert far.ask("cmd/settings", action="get")["settings"]["integration_time"] == 0.03
+        reply = far.ask("cmd/settings", action="set", integration_time=0.01)
+        assert reply["settings"]["integration_time"] == 0.01
+        assert reply["state"] == "scanning"
+        assert rig.settings is not None
+        assert rig.settings.integration_time == 0.01
+        assert far.ask("cmd/settings", action="get")["settings"] == reply["settings"]
+
+
+def test_plan_and_fusion_are_changed_by_the_fields_that_change(tmp_path: Path, endpoint: str) -> None:
+    settings = configuration(tmp_path, endpoint, start="scan")
+    with running(settings, hasty_rig(), "scanning") as service, stranger(endpoint) as far:
+        reply = far.ask("cmd/plan", action="set", span=2.0, axes="pan")
+        assert (reply["plan"]["span"], reply["plan"]["axes"], reply["plan"]["pan"]) == (2.0, "pan", 0.0)
+        reply = far.ask("cmd/fusion", action="set", frames=3, method="bicubic", regularization=0.5)
+        assert (reply["fusion"]["frames"], reply["fusion"]["upsampling"]) == (3, 2)
+        report = far.ask("cmd/scan", action="once")["report"]
+        assert (report["method"], report["frames"]) == ("bicubic", 3)
+        before = far.ask("cmd/plan", action="get")["plan"]
+        for refused, code in (
+            ({"pan": 100.0}, "OUT_OF_RANGE"),
+            ({"pan": 1000.0}, "OUT_OF_RANGE"),
+            ({"axes": "roll"}, "INVALID_ARGUMENT"),
+            ({"frames": 3}, "INVALID_ARGUMENT"),
+        ):
+            assert far.ask("cmd/plan", action="set", **refused)["code"] == code
+        assert far.ask("cmd/plan", action="get")["plan"] == before
+        heads = [event.head for event in service.of(HeadChanged)]
+        used = next(data for name, data, _ in heads[-1].attachments if "configuration" in name)
+        assert b'method = "bicubic"' in used
+        assert b"span = 2.0" in used
+
+
+def test_a_stream_is_started_changed_and_stopped(tmp_path: Path, endpoint: str) -> None:
+    with running(configuration(tmp_path, endpoint), hasty_rig()) as service, stranger(endpoint) as far:
+        reply = far.ask("cmd/stream", action="start", window=3)
+        assert (reply["state"], reply["stream"]["window"]) == ("streaming", 3)
+        service.wait(lambda: any(event.map.report.frames == 3 for event in service.of(MapFused)))
+        assert far.ask("cmd/scan", action="once")["code"] == "INVALID_STATE"
+        assert far.ask("cmd/scan", action="pause")["code"] == "INVALID_STATE"
+        maps = len(service.of(MapFused))
+        assert far.ask("cmd/fusion", action="set", fill=1.0)["state"] == "streaming"
+        service.wait(lambda: any(e.map.report.burst == 0 for e in service.of(MapFused)[maps:]))  # anew
+        assert far.ask("cmd/scan", action="start")["state"] == "scanning"
+        assert far.ask("cmd/stream", action="stop")["code"] == "INVALID_STATE"
+        assert far.ask("cmd/stream", action="start")["state"] == "streaming"
+        far.ask("cmd/stream", action="stop")
+        service.wait_state("idle")
+
+
+def test_manifest_and_schemas_tell_a_stranger_all_it_needs(tmp_path: Path, endpoint: str) -> None:
+    with running(configuration(tmp_path, endpoint), hasty_rig()), stranger(endpoint) as far:
+        [reply] = far.query("lidarboost/rig/manifest")
+        manifest = reply["ok"]
+        assert (manifest["rig"], manifest["model"], manifest["state"]) == (
+            "lidarboost/rig",
+            "scripted",
+            "idle",
+        )
+        depth = next(topic for topic in manifest["topics"] if topic["name"] == "fused/depth")
+        assert (depth["schema_name"], depth["unit"], depth["rate"]) == (
+            "foxglove.RawImage",
+            "m",
+            "each fusion",
+        )
+        scan = next(command for command in manifest["commands"] if command["name"] == "cmd/scan")
+        assert scan["actions"]["once"] == "One burst; answered once its map is published."
+        names = {entry["name"] for entry in manifest["topics"] + manifest["commands"]} - {"alive"}
+        found = far.query("lidarboost/rig/schema/**")
+        assert {one["key"].removeprefix("lidarboost/rig/schema/") for one in found} == names
+        [reply] = far.query("lidarboost/rig/schema/cmd/plan")
+        fields = reply["ok"]["request"]["$defs"]["Set"]["properties"]
+        assert fields["span"]["maximum"] == 40
+        assert "low-resolution pixels" in fields["span"]["description"]
+        assert reply["ok"]["reply"]["required"] == ["state", "reason", "plan"]
+        [reply] = far.query("lidarboost/rig/schema/fused/depth")
+        assert reply["encoding"] == "application/protobuf;google.protobuf.FileDescriptorSet"
+
+
+def test_progress_is_told_pose_by_pose(tmp_path: Path, endpoint: str) -> None:
+    with running(configuration(tmp_path, endpoint), hasty_rig()) as service, stranger(endpoint) as far:
+        far.ask("cmd/scan", action="once")
+        service.wait_state("idle")
+        told = [event.progress for event in service.of(ScanProgressed)]
+        assert [(one.burst, one.captured, one.poses) for one in told[:4]] == [(0, k, 4) for k in (1, 2, 3, 4)]
+        assert told[0].seconds is None
+        assert told[3].seconds == 0
+        service.wait(lambda: service.of(ScanProgressed)[-1].progress.fusing == 0)
+        [reply] = far.query("lidarboost/rig/scan/progress")
+        assert reply["ok"]["captured"] == 4
+
+
+def test_where_the_stage_is_can_be_asked_in_a_pause(tmp_path: Path, endpoint: str) -> None:
+    settings = configuration(tmp_path, endpoint, start="scan")
+    with running(settings, hasty_rig(), "scanning"), stranger(endpoint) as far:
+        assert far.ask("cmd/scan", action="pause")["paused"]
+        reply = far.ask("cmd/stage", action="get")
+        assert abs(reply["pan"]) < 0.01
+        assert reply["pan_limits"] == [-1.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("payload", "code", "said"),
+    [
+        ("", "INVALID_ARGUMENT", "not JSON"),
+        ("[" * 100_000, "INVALID_ARGUMENT", "not JSON"),
+        ('{"action": "set", "integration_time": NaN}', "INVALID_ARGUMENT", "not JSON"),
+        ("[]", "INVALID_ARGUMENT", 'expected {"action": …} with one of get, set; got []'),
+        ('{"action": "wipe"}', "INVALID_ARGUMENT", "one of get, set; got 'wipe'"),
+        ('{"action": {"a": 1}}', "INVALID_ARGUMENT", "one of get, set"),
+        ('{"action": "get", "all": 1}', "INVALID_ARGUMENT", "unknown field 'all' (known: none)"),
+        (
+            '{"action": "set", "colour": 1}',
+            "INVALID_ARGUMENT",
+            "unknown field 'colour' (known: integration_time",
+        ),
+        ('{"action": "set", "integration_time": "1"}', "INVALID_ARGUMENT", "integration_time = '1'"),
+        ('{"action": "set", "integration_time": 9}', "OUT_OF_RANGE", "less than or equal to 0.1"),
+        ('{"action": "set", "integration_time": 1e999}', "OUT_OF_RANGE", "integration_time"),
+    ],
+)
+def test_what_is_not_understood_is_refused_with_what_is_allowed(payload: str, code: str, said: str) -> None:
+    from service.daemon.commands import commands
+    from service.errors import CommandError
+
+    with pytest.raises(CommandError) as caught:
+        commands()["cmd/settings"].read(payload.encode())
+    assert caught.value.code == code
+    assert said in str(caught.value)
+    assert len(str(caught.value)) < 1000
+    assert "\n" not in str(caught.value)
+
+
+def test_a_newcomer_adds_a_command_in_one_file(
+    tmp_path: Path, endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from service.daemon import commands as folder
+
+    page = Path(folder.__file__).with_name("README.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```python\n(.*?)```", page, flags=re.S)
+    (tmp_path / "more").mkdir()
+    (tmp_path / "more" / "beam.py").write_text(example)
+    monkeypatch.setattr(folder, "__path__", [*folder.__path__, str(tmp_path / "more")])
+    folder.commands.cache_clear()
+    try:
+        assert "| `cmd/beam` | `aim` | Where the beam points. |" in folder.command_table()
+        with running(configuration(tmp_path, endpoint), hasty_rig()), stranger(endpoint) as far:
+            assert far.ask("cmd/beam", action="aim", pan=0.5) | {"reason": ""} == {
+                "state": "idle",
+                "reason": "",
+                "paused": False,
+                "pan": pytest.approx(0.5, abs=1e-3),
+            }
+            assert far.ask("cmd/beam", action="aim", pan=7)["code"] == "OUT_OF_RANGE"
+    finally:
+        folder.commands.cache_clear()
+
+
+def test_a_check_tells_what_a_burst_would_give_and_moves_nothing(tmp_path: Path, endpoint: str) -> None:
+    with running(configuration(tmp_path, endpoint), hasty_rig()) as service, stranger(endpoint) as far:
+        check = far.ask("cmd/scan", action="check")["check"]
+        assert service.rig.stage.moves == []
+        assert check["poses"] == 4
+        assert 0.7 < check["seconds"] < 3
+        assert check["coverage"] == 1.0
+        exposure = check["exposure"]
+        assert (exposure["saturated"], exposure["dark"]) == (0.0, 0.0)
+        assert sum(exposure["histogram"]) == 24
+        assert 0 < exposure["noise"] < 0.001
+        assert check["advice"] == []
+        assert service.daemon.grabber.counts.frames == 0
+
+
+def test_a_bad_exposure_is_told_with_advice() -> None:
+    counts = np.full((4, 6), 20_000, np.uint16)
+    amplitude = np.full((4, 6), 2_000, np.uint16)
+    amplitude[0, :3], counts[1:3] = 0xFFFF, 0
+    exposure = exposure_of([frame(0, counts=counts, amplitude=amplitude)] * 2)
+    assert (exposure.saturated, exposure.dark) == (3 / 24, 12 / 24)
+
+
+class SlowStage(ScriptedStage):
+    """Takes a minute for a movement, by the real clock, unless it is stopped."""
+
+    def _remaining(self) -> float:
+        time.sleep(0.005)
+        return 60.0 if self._arrival else 0.0
+
+
+def slow_rig() -> Rig:
+    clock = HastyClock(1_700_000_000_000_000_000)
+    return Rig(ScriptedCamera(clock), SlowStage(clock), clock)
+
+
+def test_a_stage_that_moves_is_stopped_at_once_and_the_scan_with_it(tmp_path: Path, endpoint: str) -> None:
+    settings = configuration(tmp_path, endpoint, start="scan", stage={"timeout": 300})
+    with running(settings, slow_rig(), "scanning") as service, stranger(endpoint) as far:
+        service.wait(lambda: len(service.rig.stage.moves) == 1)
+        began = time.monotonic()
+        reply = far.ask("cmd/stage", action="stop")
+        assert time.monotonic() - began < 3
+        assert reply["uncertainty"] is None
+        assert service.rig.stage.stops >= 1
+        service.wait_state("idle")
+        assert len(service.rig.stage.moves) == 1
+
+
+def test_homing_needs_idle_and_is_stopped_by_stop(tmp_path: Path, endpoint: str) -> None:
+    with (
+        running(configuration(tmp_path, endpoint), slow_rig()) as service,
+        stranger(endpoint) as far,
+        stranger(endpoint) as other,
+    ):
+        far.send("lidarboost/rig/cmd/stage", payload='{"action": "home"}')
+        service.wait(lambda: len(service.rig.stage.moves) == 1)  # back to 0°, 0°
+        assert other.ask("cmd/settings", action="get")["state"] == "idle"
+        assert other.ask("cmd/stage", action="stop")["uncertainty"] is not None
+        [reply] = far.replies()
+        assert reply["error"]["code"] == "INVALID_STATE"
+        assert "told to stop" in reply["error"]["message"]
+        assert other.ask("cmd/stage", action="get")["pan"] is None

@@ -1,0 +1,319 @@
+"""The executor on this machine: maps, streams, faults, full backlogs, and an end that never hangs."""
+
+import inspect
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import Future
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numba.core.caching import UserProvidedCacheLocator
+from scripted import calibration, frame
+
+from service.config.sections import FusionSection
+from service.errors import HungError, WorkerError
+from service.fusion.answering import answering
+from service.fusion.backlog import Backlog
+from service.fusion.deadline import Deadline
+from service.fusion.executor import Executor
+from service.fusion.job import BurstJob, FrameJob, Job, WarmUp
+from service.fusion.local import LocalExecutor
+from service.messages.burst import Burst
+from service.messages.map import FusedMap
+from service.messages.status import FusionState
+from solver.errors import FusionError
+from solver.kernels.caching import caches
+
+WEDGES = Path(__file__).parents[2] / "recordings" / "wedges.mcap"
+
+SETTINGS = FusionSection(method="nearest", upsampling=2, register_poses=False, timeout=30.0)
+
+
+class Deadly(Burst):
+    """Ends the process that receives it."""
+
+    def __reduce__(self):  # type: ignore[no-untyped-def]
+        return os._exit, (7,)
+
+
+class Endless(Burst):
+    """Keeps the process that receives it."""
+
+    def __reduce__(self):  # type: ignore[no-untyped-def]
+        return time.sleep, (60,)
+
+
+def job(number: int, kind: type[Burst] = Burst, settings: FusionSection = SETTINGS, **changes: object) -> Job:
+    frames = tuple(frame(k, k * 1000, **changes) for k in range(3))
+    return BurstJob(kind(number, frames, calibration(), 3), settings)
+
+
+def frame_job(number: int, stream: int = 1, window: int = 3, **changes: object) -> FrameJob:
+    return FrameJob(frame(number, number * 1000, **changes), calibration(), SETTINGS, window, stream, number)
+
+
+@pytest.fixture(scope="module")
+def started() -> Iterator[LocalExecutor]:
+    executor = LocalExecutor(SETTINGS)
+    executor.ready.result(60)
+    yield executor
+    executor.close()
+
+
+def map_of(executor: Executor, job: Job) -> FusedMap:
+    return executor.submit(job).result(60)
+
+
+def test_bursts_come_back_fused_in_order_with_their_latency(started: LocalExecutor) -> None:
+    futures = [started.submit(job(number)) for number in range(5)]
+    maps = [future.result(60) for future in futures]
+    assert [result.report.burst for result in maps] == [0, 1, 2, 3, 4]
+    assert maps[0].distance.shape == (8, 12)
+    assert np.allclose(maps[0].distance, 20_000 * 7.5 / 65536, atol=1e-4)
+    assert maps[0].report.latency is not None
+    assert 0 < maps[0].report.latency < 60
+
+
+def test_a_job_carries_its_settings(started: LocalExecutor) -> None:
+    finer = SETTINGS.model_copy(update={"upsampling": 3})
+    assert map_of(started, job(0, settings=finer)).distance.shape == (12, 18)
+    assert map_of(started, job(1)).distance.shape == (8, 12)
+
+
+def test_a_burst_that_cannot_be_fused_is_said_so_and_the_next_is_fused(started: LocalExecutor) -> None:
+    bad, good = started.submit(job(0, counts=np.zeros((4, 6), np.uint16))), started.submit(job(1))
+    with pytest.raises(FusionError, match="no valid pixel"):
+        bad.result(60)
+    assert good.result(60).report.burst == 1
+
+
+def test_a_stream_fuses_its_window_and_another_number_begins_anew(started: LocalExecutor) -> None:
+    reports = [map_of(started, frame_job(number)).report for number in range(5)]
+    assert [report.frames for report in reports] == [1, 2, 3, 3, 3]
+    assert reports[4].sequence == (2, 3, 4)
+    assert [report.burst for report in reports] == [0, 1, 2, 3, 4]
+    assert not any(report.notes for report in reports)
+    assert map_of(started, frame_job(0, stream=2)).report.frames == 1
+
+
+def test_a_stream_whose_process_died_begins_anew_and_says_so(started: LocalExecutor) -> None:
+    for number in range(3):
+        map_of(started, frame_job(number, stream=3))
+    assert started.pid is not None
+    os.kill(started.pid, signal.SIGKILL)
+    report = map_of(started, frame_job(3, stream=3)).report
+    assert report.frames == 1
+    assert report.notes == ("the stream began anew at frame 3: the fusion was started again",)
+    assert map_of(started, frame_job(4, stream=3)).report.notes == ()
+
+
+def test_a_dead_process_is_replaced_and_its_burst_fused_by_the_new_one(started: LocalExecutor) -> None:
+    before, pid = started.state.restarts, started.pid
+    assert pid is not None
+    os.kill(pid, signal.SIGKILL)
+    assert map_of(started, job(1)).report.burst == 1
+    assert started.state.restarts == before + 1
+    assert started.pid != pid
+    assert "signal 9" in (started.state.error or "")
+
+
+@pytest.mark.parametrize("at_work", [True, False])
+def test_a_stopped_process_is_noticed_and_costs_no_burst(started: LocalExecutor, at_work: bool) -> None:
+    """SIGSTOP while idle, and in the middle of a solve; four seconds is the least deadline."""
+    for number in range(4):
+        map_of(started, job(number))
+    before, pid = started.state.hung, started.pid
+    assert pid is not None
+    slow = SETTINGS.model_copy(update={"upsampling": 4})
+    if at_work:
+        for _ in range(4):
+            map_of(started, job(0, settings=slow))
+        future = started.submit(job(7, settings=slow))
+        os.kill(pid, signal.SIGSTOP)
+    else:
+        os.kill(pid, signal.SIGSTOP)
+        future = started.submit(job(7))
+    assert future.result(60).report.burst == 7
+    if not at_work:  # it may have been done before the signal came
+        assert started.state.hung == before + 1
+        assert started.pid != pid
+    else:
+        os.kill(pid, signal.SIGCONT) if started.pid == pid else None
+
+
+def test_a_burst_that_kills_twice_fails_and_the_next_is_fused(started: LocalExecutor) -> None:
+    before = started.state.restarts
+    bad, good = started.submit(job(0, Deadly)), started.submit(job(1))
+    with pytest.raises(WorkerError, match=r"the fusion process died \(exit status 7\)"):
+        bad.result(60)
+    assert good.result(60).report.burst == 1
+    assert started.state.restarts == before + 2
+
+
+def test_a_fusion_that_never_ends_is_cut_off() -> None:
+    hasty = SETTINGS.model_copy(update={"timeout": 0.3})
+    executor = LocalExecutor(hasty)
+    try:
+        executor.ready.result(60)
+        with pytest.raises(HungError, match=r"gave no answer within 0\.3 s"):
+            map_of(executor, job(0, Endless, hasty))
+        assert executor.state.hung == 2
+    finally:
+        executor.close()
+
+
+def test_a_configuration_that_cannot_work_is_told_and_not_tried_again() -> None:
+    executor = LocalExecutor(FusionSection.model_construct(**{**SETTINGS.model_dump(), "method": "guess"}))
+    try:
+        for future in (executor.ready, executor.submit(job(0)), executor.submit(job(1))):
+            with pytest.raises(WorkerError, match="method 'guess' is unknown"):
+                future.result(60)
+        assert executor.state.restarts == 0
+    finally:
+        executor.close()
+
+
+@pytest.mark.parametrize("after", [0.0, 0.3])
+def test_closing_never_hangs_and_leaves_no_process(after: float) -> None:
+    executor = LocalExecutor(SETTINGS)
+    future = executor.submit(job(0))
+    time.sleep(after)
+    began = time.monotonic()
+    executor.close()
+    assert time.monotonic() - began < 8
+    assert executor.pid is None
+    assert future.done()
+
+
+def test_a_torn_kernel_on_disk_stops_neither_the_worker_nor_fuse(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answering()(WarmUp(SETTINGS))  # compiled, should they not be
+    copied = []
+    for cache in caches():
+        folder = UserProvidedCacheLocator.get_suitable_cache_subpath(inspect.getfile(cache._py_func))
+        for path in cache.files[-1].folder.glob(f"{cache._impl.filename_base}.*"):
+            (tmp_path / folder).mkdir(exist_ok=True, mode=0o755)
+            copied.append(Path(shutil.copy(path, tmp_path / folder / path.name)))
+    (torn,) = (path for path in copied if path.name.startswith("noise.thinned-") and path.suffix == ".nbi")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    config = tmp_path / "rig.toml"
+    config.write_text("[fusion]\nregister_poses = false\n")  # few kernels are needed
+    command = [sys.executable, "-m", "lidarboost", "fuse", WEDGES, "--method", "nearest", "--config", config]
+    torn.write_bytes(b"")
+    done = subprocess.run(command, capture_output=True, text=True, cwd=WEDGES.parents[1])
+    assert (done.returncode, done.stderr) == (0, "")
+    assert torn.stat().st_size > 0
+    torn.write_bytes(b"")
+    executor = LocalExecutor(SETTINGS)
+    try:
+        assert map_of(executor, job(0)).report.burst == 0
+    finally:
+        executor.close()
+    assert executor.state.restarts == 0
+    assert torn.stat().st_size > 0
+
+
+def test_the_deadline_follows_what_is_usual_and_never_exceeds_the_limit() -> None:
+    deadline, one = Deadline(), job(0)
+    assert deadline.of(one) == 30.0
+    for seconds in (0.3, 0.5, 0.4):
+        deadline.learn(one, seconds)
+    assert deadline.of(one) == pytest.approx(5.0)
+    assert deadline.of(job(0, settings=SETTINGS.model_copy(update={"method": "area"}))) == 30.0
+    deadline.learn(one, 60.0)
+    assert deadline.of(one) == 30.0
+
+
+class Held:
+    """An executor whose jobs wait until they are done by hand."""
+
+    def __init__(self) -> None:
+        self.jobs: list[tuple[Job, Future[FusedMap]]] = []
+
+    def submit(self, job: Job) -> "Future[FusedMap]":
+        self.jobs.append((job, Future()))
+        return self.jobs[-1][1]
+
+    @property
+    def state(self) -> FusionState:
+        return FusionState(backlog=0, restarts=0, hung=0, error=None)
+
+    def close(self) -> None: ...
+
+
+def test_live_the_oldest_burst_gives_way_when_the_backlog_is_full() -> None:
+    held = Held()
+    backlog = Backlog(held, lambda _: None, lambda _job, _why: None, lossless=False)
+    for number in range(5):
+        backlog.put(job(number), room=2)
+    waiting = [one.number for one, future in held.jobs if not future.cancelled()]
+    assert waiting == [3, 4]
+    assert (backlog.dropped, backlog.skipped) == (3, 0)
+    for number in range(5):
+        backlog.put(frame_job(number), room=1)
+    assert backlog.dropped == 5
+    assert backlog.skipped == 4
+    assert not backlog.drain(0.0)
+    assert backlog.clear() == 1
+    assert backlog.drain(1.0)
+
+
+def test_what_its_listeners_raise_stops_nobody(
+    started: LocalExecutor, caplog: pytest.LogCaptureFixture
+) -> None:
+    seen: list[int] = []
+
+    def listen(result: FusedMap) -> None:
+        seen.append(result.report.burst)
+        raise RuntimeError("no wish to listen")
+
+    backlog = Backlog(started, listen, lambda _job, _why: None, lossless=True)
+    for number in range(4):
+        backlog.put(job(number), room=1)
+    assert backlog.drain(60)
+    assert seen == [0, 1, 2, 3]
+    assert "no wish to listen" in caplog.text
+
+
+def test_arrays_cross_the_border_unchanged_and_may_be_written_to(started: LocalExecutor) -> None:
+    one = job(0)
+    first = map_of(started, one)
+    first.distance[:] = 0
+    again = map_of(started, replace(one))
+    assert np.all(again.distance != 0)
+    assert first.frame.counts.dtype == np.uint16
+
+
+class Unreadable(FusionSection):
+    """Cannot be read by the process."""
+
+    def __reduce__(self):  # type: ignore[no-untyped-def]
+        return int, ("not a number",)
+
+
+def test_a_request_that_cannot_be_read_is_an_error_and_no_endless_wait() -> None:
+    executor = LocalExecutor(Unreadable(**SETTINGS.model_dump()))
+    try:
+        with pytest.raises(WorkerError, match=r"the fusion process died \(exit status 1\)"):
+            executor.ready.result(120)
+    finally:
+        executor.close()
+
+
+def test_an_answer_that_is_none_is_an_error_and_no_endless_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.fusion.local.Ready", type("AnotherReady", (), {}))
+    executor = LocalExecutor(SETTINGS)
+    try:
+        for future in (executor.ready, executor.submit(job(0))):
+            with pytest.raises(WorkerError, match="another version"):
+                future.result(60)
+    finally:
+        executor.close()
