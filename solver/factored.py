@@ -177,7 +177,7 @@ class Factored:
     def distrust(self) -> None:
         """Weigh down samples that the map does not explain: deconvolution would fit them by swings."""
         deviation = float(np.sqrt(max(0.0, 1 / self.weight - MODEL**2)))
-        self.term.distrust(self.z, _DOUBT * deviation, _ERRING)
+        self.term.distrust(self.z, None, _DOUBT * deviation, _ERRING)
 
     def objective(self) -> float:
         """E, with the penalties' true values at full sharpness, the slope as it is now."""
