@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from service.capture.plan import make_plan
 
 from drivers.calibration import Calibration, Intrinsics, Mount
 from drivers.poses import relative_rotations
@@ -14,7 +13,8 @@ from drivers.simulation.render import Renderer
 from drivers.simulation.scene import Scene
 from drivers.simulation.sensor import GAIN, PHASE_NOISE
 from drivers.stage import Position
-from service.config import PlanSection
+from service.config.sections import PlanSection
+from service.planning.plan import make_plan
 
 Image = NDArray[np.float32]
 
