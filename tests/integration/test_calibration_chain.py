@@ -12,6 +12,8 @@ from drivers.calibration import Calibration, Corrections, CyclicTerm, Intrinsics
 from drivers.recording import attachments, open_recording
 from service.cli import app
 
+pytestmark = pytest.mark.faults
+
 WALLS = (1.0, 1.5, 2.0, 2.6, 3.2)
 """Metres from the stage's axes."""
 
@@ -97,7 +99,6 @@ def found(rig: Rig) -> Calibration:
     return Calibration.load(rig.output)
 
 
-@pytest.mark.slow
 def test_the_optics_are_found(found: Calibration) -> None:
     optics, true = found.intrinsics, TRUE.intrinsics
     assert (optics.fx, optics.fy) == pytest.approx((true.fx, true.fy), rel=0.01)
@@ -113,7 +114,6 @@ def test_the_optics_are_found(found: Calibration) -> None:
     assert np.abs(away).max() * true.fx < 1.0
 
 
-@pytest.mark.slow
 def test_the_distance_errors_are_found(found: Calibration) -> None:
     assert found.corrections.constant == pytest.approx(0.12, abs=0.003)
     (term,) = found.corrections.cyclic
@@ -123,19 +123,16 @@ def test_the_distance_errors_are_found(found: Calibration) -> None:
     assert np.std(np.array(found.corrections.per_pixel) - pattern()) < 0.005
 
 
-@pytest.mark.slow
 def test_the_noise_is_found(found: Calibration) -> None:
     assert found.noise is not None
     assert found.noise.coefficient == pytest.approx(24.0, rel=0.05)
 
 
-@pytest.mark.slow
 def test_the_mount_is_found(found: Calibration) -> None:
     assert found.mount.rotation == pytest.approx(TRUE.mount.rotation, abs=0.008)
     assert found.mount.lever_arm == pytest.approx(TRUE.mount.lever_arm, abs=0.008)
 
 
-@pytest.mark.slow
 def test_the_map_is_nearly_as_good_as_with_the_true_calibration(rig: Rig) -> None:
     scan = rig.simulate("scan", "--scene", "wedges", "-n", 15, "--span", 15)
     recording = open_recording(scan)
@@ -149,7 +146,6 @@ def test_the_map_is_nearly_as_good_as_with_the_true_calibration(rig: Rig) -> Non
     assert nominal[1] > 5 * best[1]  # what there was to be found
 
 
-@pytest.mark.slow
 def test_each_draws_a_picture(rig: Rig) -> None:
     for part in ("intrinsics", "distance", "noise", "mount"):
         picture = cv2.imread(str(rig.output.with_suffix(f".{part}.png")))

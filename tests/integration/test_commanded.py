@@ -17,6 +17,8 @@ sys.path.insert(0, str(ROOT / "tests" / "service"))
 
 from commanding import Stranger, stranger  # noqa: E402
 
+pytestmark = pytest.mark.faults
+
 CONFIG = """
 start = "idle"
 [camera]

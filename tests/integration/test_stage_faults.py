@@ -30,6 +30,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "drivers"))
 from emulators.ptu_emulator import PtuEmulator
 from usb_standin import StandIn
 
+pytestmark = pytest.mark.faults
+
 POSES = 4
 STEP = radians(185.1428 / 3600)
 ROOT = Path(__file__).parents[2]

@@ -78,6 +78,8 @@ def test_a_request_of_a_hundred_megabytes_is_refused_and_others_are_served(
 
 FLOOD = """
 import json, sys, time, zenoh
+
+pytestmark = pytest.mark.faults
 config = zenoh.Config()
 for key, value in {"mode": '"peer"', "listen/endpoints": "[]", "scouting/multicast/enabled": "false",
                    "connect/endpoints": json.dumps([sys.argv[1]])}.items():

@@ -17,6 +17,8 @@ from service.capture.rig import Rig
 from service.config.sections import Configuration
 from service.messages.events import BurstCaptured, Commanded, FrameCaptured
 
+pytestmark = pytest.mark.faults
+
 POSES = 12
 
 AHEAD = 120.0
