@@ -17,8 +17,10 @@ from drivers.calibration import sr4000_calibration
 from drivers.clock import Clock, VirtualClock
 from drivers.mesasr import MesaCamera
 from drivers.usb import UsbCamera, discovery
-from service.capture.loop import Capture, Grabber, ScanBursts
+from service.capture.control import Control
+from service.capture.loop import Grabber, ScanBursts
 from service.capture.rig import Rig
+from service.capture.series import Capture
 from service.config.sections import PlanSection
 from service.planning.plan import make_plan
 
@@ -89,7 +91,7 @@ class Bench:
     def scan(self) -> list[tuple[int, int, tuple[float, float]]]:
         """Exposure and pose of each frame of some bursts."""
         self.rig.open()
-        grabber = Grabber(self.rig, 0.4, self.stop)
+        grabber = Grabber(self.rig, 0.4, Control(self.stop))
         plan = make_plan(PlanSection(), POSES, self.rig.calibration.intrinsics)
         capture = Capture(grabber, ScanBursts(grabber, plan, self.settle / 1e9, 10.0))
         found = []
@@ -118,6 +120,9 @@ class StubClock:
 
     def now(self) -> int:
         return int(self._levers.stub_now())
+
+    def correction(self) -> int:
+        return 0
 
     def sleep(self, seconds: float) -> None:
         self._levers.stub_pass(ctypes.c_int64(max(0, round(seconds * 1e9))))
@@ -196,7 +201,7 @@ def test_no_earlier_frame_comes_through_the_vendor_s_library(stub, faults, mode,
     rig = Rig(camera, stage, clock, calibration=sr4000_calibration())
     rig.open()
     began: list[int] = []
-    grabber = Grabber(rig, 0.3, Event(), lambda _: began.append(levers.stub_last_began()))
+    grabber = Grabber(rig, 0.3, Control(Event()), lambda _: began.append(levers.stub_last_began()))
     plan = make_plan(PlanSection(), POSES, rig.calibration.intrinsics)
     capture = Capture(grabber, ScanBursts(grabber, plan, settle, 10.0))
     for burst, _ in zip(capture.run(), range(BURSTS), strict=False):
