@@ -5,6 +5,9 @@ borders) with the ratios to the limit, which is what a noise-free camera of the 
 consistency, what happens with better data; and metrology. An unknown cell counts 0.5 m. Scenes with * may be
 tuned with; ratios are geometric means over scenes whose limit exceeds 1 mm RMS. `--quick`: five scenes, one
 seed, no metrology.
+
+`results/` holds rows of one seed or two: `unfactored.json` with one prior on real and imaginary part in
+`phasor`, `factored.json` since amplitude and distance have their own.
 """
 
 import argparse
