@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -50,38 +51,45 @@ def test_the_fusion_example_runs(capsys: pytest.CaptureFixture[str], monkeypatch
     assert "(576, 704) phasor" in capsys.readouterr().out
 
 
-def test_the_client_example_runs(tmp_path: Path) -> None:
-    """With a service on a port of its own, which the example is told by the environment's default."""
+@pytest.fixture(scope="module")
+def endpoint(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Of a service on a port of its own."""
+    folder = tmp_path_factory.mktemp("service")
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-    zenoh, config = tmp_path / "zenoh.json5", tmp_path / "rig.toml"
+    zenoh, config = folder / "zenoh.json5", folder / "rig.toml"
     zenoh.write_text(json.dumps({"listen": {"endpoints": [endpoint]}}))
     config.write_text(f'[zenoh]\nconfig = "{zenoh}"\n\n[fusion]\nmethod = "nearest"\n')
-    command = [
-        sys.executable,
-        "-m",
-        "lidarboost",
-        "run",
-        config,
-        "--replay",
-        "recordings/wedges.mcap",
-        "--loop",
-    ]
+    command = [sys.executable, "-m", "lidarboost", "run", config]
+    command += ["--replay", "recordings/wedges.mcap", "--loop"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     service = subprocess.Popen(command, cwd=ROOT, env=environment, stderr=subprocess.DEVNULL)
     try:
-        code = example("python client").replace("Client()", f'Client("{endpoint}")')
-        code = code.replace('latest("fused/depth")', 'latest("fused/depth", timeout=60)')
-        done = subprocess.run(
-            [sys.executable, "-c", code],
-            cwd=ROOT,
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=90,
+        code = (
+            f'import lidarboost\nwith lidarboost.Client("{endpoint}") as rig:\n'
+            '    rig.latest("fused/depth", timeout=120)'
         )
+        subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=environment, check=True, timeout=150)
+        yield endpoint
     finally:
         service.send_signal(signal.SIGTERM)
         service.wait(30)
+
+
+@pytest.mark.parametrize("kind", ["python client", "python zenoh", "python command"])
+def test_the_examples_with_a_running_service_run(kind: str, endpoint: str) -> None:
+    """The endpoint that they have by default is replaced."""
+    code = example(kind).replace("Client()", f'Client("{endpoint}")')
+    code = code.replace("tcp/127.0.0.1:7447", endpoint)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True, timeout=120
+    )
     assert "(576, 704) metres" in done.stdout, done.stderr
+
+
+def test_the_table_of_commands_is_the_one_that_holds() -> None:
+    from service.daemon.commands import command_table
+
+    assert command_table() in README
