@@ -19,6 +19,8 @@ from service.errors import InvalidArgumentError, InvalidStateError, OutOfRangeEr
 from service.messages.events import Commanded
 from service.wire.client import Client
 
+pytestmark = pytest.mark.slow
+
 
 class HastyClock(VirtualClock):
     def sleep(self, seconds: float) -> None:

@@ -13,6 +13,8 @@ from drivers.clock import SystemClock
 from service.capture.rig import Rig
 from service.messages.events import BurstCaptured, StatusTold
 
+pytestmark = pytest.mark.slow
+
 AT_ONCE = 0.3
 """Seconds: the target is 0.05, with room for a machine that is busy with other tests."""
 

@@ -15,6 +15,8 @@ from service.errors import InvalidStateError, NotFoundError, OutOfRangeError, Pe
 from service.wire.client import Client
 from service.wire.recordings import Record
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def service(tmp_path: Path, endpoint: str) -> Iterator[Running]:

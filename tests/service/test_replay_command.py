@@ -23,6 +23,8 @@ from service.fusion.local import LocalExecutor
 from service.messages.events import BurstCaptured, FrameCaptured, FusionFailed, MapFused, ReplayTold
 from service.messages.map import FusedMap
 
+pytestmark = pytest.mark.slow
+
 ALL = BURSTS * FRAMES
 
 

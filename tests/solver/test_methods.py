@@ -89,6 +89,7 @@ def test_automatic_regularization_is_near_the_best(method: str, noisy_burst: tup
     assert automatic < 1.10 * best
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("term", [sparse_term, footprint_term])
 @pytest.mark.parametrize("regularization", [0.002, 0.02, 0.2])
 def test_the_stopping_rule_leaves_the_objective_within_its_tolerance(
