@@ -19,6 +19,8 @@ from service.daemon.commands import commands
 from service.errors import COMMAND_ERRORS, CommandError
 from service.messages.events import BurstCaptured, Commanded
 
+pytestmark = pytest.mark.faults
+
 KEY = "lidarboost/rig/cmd/scan"
 START = json.dumps({"action": "start"})
 
@@ -78,8 +80,6 @@ def test_a_request_of_a_hundred_megabytes_is_refused_and_others_are_served(
 
 FLOOD = """
 import json, sys, time, zenoh
-
-pytestmark = pytest.mark.faults
 config = zenoh.Config()
 for key, value in {"mode": '"peer"', "listen/endpoints": "[]", "scouting/multicast/enabled": "false",
                    "connect/endpoints": json.dumps([sys.argv[1]])}.items():

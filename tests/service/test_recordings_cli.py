@@ -161,8 +161,9 @@ def test_info_shows_what_is_inside(recording):
 
 
 def test_info_does_not_blame_the_camera_for_every_gap(recording):
-    frames = Recording(recording).summary().frames.model_copy(update={"drops": 3})
-    assert "3 numbers left out (dropped, or not kept)" in dict(_frame_lines(frames))["frames"]
+    frames = Recording(recording).summary().frames.model_copy(update={"drops": 3, "passed": 7})
+    told = dict(_frame_lines(frames))["frames"]
+    assert "3 dropped by the camera (7 passed while the stage turned or between bursts)" in told
 
 
 def test_info_of_a_torn_file_says_what_is_missing_with_status_3(recording):
