@@ -156,6 +156,7 @@ def test_a_lever_arm_moves_the_centre_and_changes_distances():
         assert np.angle(seen[row, column]) / (2 * np.pi) * RANGE == pytest.approx(expected, abs=2e-4)
 
 
+@pytest.mark.slow
 def test_lever_arm_and_field_agree_where_the_arm_is_nothing(wedges):
     """The two ways to render, each pixel by its own rays and all from one field."""
     tiny = CALIBRATION.model_copy(update={"mount": Mount(lever_arm=(1e-12, 0.0, 0.0))})

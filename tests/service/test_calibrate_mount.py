@@ -37,6 +37,7 @@ def test_exact_corners_give_the_exact_mount():
     assert fit.mount.lever_arm == pytest.approx(MOUNT.lever_arm, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_rendered_views_give_the_mount():
     studio = Studio(board_scene(), CAMERA.model_copy(update={"mount": MOUNT}))
     views = []

@@ -226,6 +226,7 @@ def test_a_stream_gives_a_map_for_every_frame_of_a_lossless_run(configure, tmp_p
     assert len(list((tmp_path / "out").glob("burst-*.png"))) == 12
 
 
+@pytest.mark.slow
 def test_two_replays_of_a_stream_give_the_same_bits(configure, tmp_path: Path) -> None:
     frames = [frame(k, k * 1000, counts=20_000 + textured(k)) for k in range(8)]
     settings = configure(stream={"window": 4}, start="stream", fusion={"method": "lidarboost"})

@@ -152,6 +152,7 @@ def test_the_bundled_recordings_are_as_promised(name, span):
     assert 1.8 < truth["distance"].min() < truth["distance"].max() < 4.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "span"), [("wedges", 15.0), ("objects", 30.0)])
 def test_the_bundled_recordings_are_what_the_simulator_makes_today(tmp_path, name, span):
     """Up to the last digit of sines, which may differ between processors, and so one count here and there."""

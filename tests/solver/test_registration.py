@@ -26,6 +26,7 @@ def error(found, shifts):
     return float(np.sqrt(np.mean((found.shifts - shifts)[1:] ** 2)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variance", sorted({*LITERAL, *MATCHED}))
 def test_displacements_of_the_built_in_object(variance):
     trial = make_trial(lantern(), variance=variance, seed=3, span=3)
