@@ -18,8 +18,8 @@ from service.calibration.board import Board, Sighting, find_board
 from service.calibration.intrinsics import is_new
 from service.calibration.mount import View
 from service.capture.live import filmed, live
-from service.capture.loop import ScanBursts
 from service.capture.motion import Operator
+from service.capture.scan import ScanBursts
 from service.config.sections import Configuration
 from service.errors import CalibrationError
 from service.planning.plan import Plan

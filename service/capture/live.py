@@ -9,7 +9,7 @@ from itertools import islice
 from drivers.errors import EndOfRecordingError
 from drivers.frame import Frame
 from service.capture.control import Control
-from service.capture.loop import Grabber
+from service.capture.grabber import Grabber
 from service.capture.motion import Operator
 from service.capture.rig import make_rig
 from service.config.sections import Configuration, StageSection

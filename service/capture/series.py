@@ -6,14 +6,22 @@ from typing import Generic, Protocol, TypeVar
 
 from drivers.errors import EndOfRecordingError, MotionStoppedError, OperationError
 from service.capture.control import StoppedError
-from service.capture.loop import Grabber, Source
+from service.capture.grabber import Grabber
 
 _SLICE = 0.05
 """Seconds after which a pause between two bursts looks for something to do."""
 
 T = TypeVar("T")
+T_co = TypeVar("T_co", covariant=True)
 
 _log = logging.getLogger(__name__)
+
+
+class Source(Protocol[T_co]):
+    """A way to take bursts, or the frames of a stream."""
+
+    def take(self, number: int) -> T_co:
+        """The burst, or the stream's frame, of that number; raises as the devices do."""
 
 
 class Recover(Protocol):

@@ -1,7 +1,8 @@
 """The frames of a stream: every one as it comes."""
 
 from drivers.frame import Frame
-from service.capture.loop import Grabber, ScanBursts
+from service.capture.grabber import Grabber
+from service.capture.scan import ScanBursts
 from service.planning.plan import Plan
 
 

@@ -13,7 +13,7 @@ from drivers.poses import camera_rotation
 from drivers.recording import Recording
 from drivers.settings import Capabilities
 from service.capture.control import Control
-from service.capture.loop import Grabber
+from service.capture.grabber import Grabber
 from service.capture.played import recording_of
 from service.capture.rig import Rig
 from service.config.sections import Configuration

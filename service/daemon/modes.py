@@ -7,9 +7,10 @@ from math import radians
 from typing import TYPE_CHECKING, Protocol
 
 from drivers.errors import DeviceLostError, OperationError
-from service.capture.loop import CarriedBursts, ScanBursts
+from service.capture.carried import CarriedBursts
 from service.capture.resumption import BegunBurst, begun_burst
 from service.capture.rig import Rig
+from service.capture.scan import ScanBursts
 from service.capture.series import Capture
 from service.capture.stream import CarriedFrames, SweptFrames
 from service.config.sections import Configuration

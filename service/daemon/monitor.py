@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-from service.capture.loop import CaptureCounts
+from service.capture.grabber import CaptureCounts
 from service.capture.rig import Rig
 from service.daemon.playing import Playing
 from service.daemon.systemd import WATCHDOG, notify

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Literal
 
 from drivers.errors import DriverError, EndOfRecordingError
 from drivers.frame import Frame
+from service.capture.carried import numbered
 from service.capture.control import StoppedError
-from service.capture.loop import numbered
 from service.capture.player import Player, Shot, Stepped
 from service.capture.rig import Rig
 from service.daemon.agenda import Done

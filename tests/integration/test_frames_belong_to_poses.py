@@ -18,8 +18,9 @@ from drivers.clock import Clock, VirtualClock
 from drivers.mesasr import MesaCamera
 from drivers.usb import UsbCamera, discovery
 from service.capture.control import Control
-from service.capture.loop import Grabber, ScanBursts
+from service.capture.grabber import Grabber
 from service.capture.rig import Rig
+from service.capture.scan import ScanBursts
 from service.capture.series import Capture
 from service.config.sections import PlanSection
 from service.planning.plan import make_plan

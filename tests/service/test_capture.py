@@ -17,9 +17,11 @@ from drivers import (
     RecordingError,
 )
 from drivers.clock import VirtualClock
+from service.capture.carried import CarriedBursts
 from service.capture.control import Control
-from service.capture.loop import CarriedBursts, Grabber, ScanBursts
+from service.capture.grabber import Grabber
 from service.capture.rig import Rig
+from service.capture.scan import ScanBursts
 from service.capture.series import Capture
 from service.config.sections import PlanSection
 from service.errors import MotionError
