@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 
 from drivers import sr4000_calibration
+from drivers.calibration import Intrinsics
+from drivers.importers import import_frames
 from drivers.importers.bdat import DEPTH, POINTS
 
 STEP = 5.0 / 16384
@@ -123,3 +125,15 @@ def raw_images(count, shape=(144, 176), images=2):
     """`count` frames of noise."""
     random = np.random.default_rng(3)
     return [random.integers(0, 65536, (images, *shape), np.uint16) for _ in range(count)]
+
+
+def only(path, options=None):
+    (frame,) = import_frames([path], options).frames()
+    return frame
+
+
+def other_camera():
+    """An SR4000 whose centre lies elsewhere."""
+    return sr4000_calibration().model_copy(
+        update={"intrinsics": Intrinsics(fx=250.8, fy=250.8, cx=90.9, cy=71.6)}
+    )

@@ -18,7 +18,8 @@ from usb_captures import (
     write_pcap,
     write_pcapng,
 )
-from usb_standin import SR3000_IDS, SR4000_IDS, Firmware, StandIn, Transfer, VendorSoftware, scene
+from usb_standin import SR3000_IDS, SR4000_IDS, Firmware, StandIn, Transfer, scene
+from vendor_software import VendorSoftware
 
 from drivers.clock import VirtualClock
 from drivers.errors import InitialisationError, RecordingError
