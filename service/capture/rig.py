@@ -58,7 +58,6 @@ class Rig:
         self._calibration = calibration
         self.reopened = 0
         self.beats = 0
-        self.is_recovering = False
 
     @property
     def replacement(self) -> Calibration | None:
@@ -111,7 +110,6 @@ class Rig:
             self.motion.halt()
         except DeviceLostError as error:
             _log.warning("stopping the stage: %s", error)
-        self.is_recovering = True
         self._close(self.camera)
         if self.stage.needs_home:
             self._close(self.stage)
@@ -125,7 +123,6 @@ class Rig:
                 _log.warning("opening again: %s; next attempt in %.1f s", error, wait)
             else:
                 self.reopened += 1
-                self.is_recovering = False
                 return True
             self.wait(wait, stopping)
             wait = min(2 * wait, _LONGEST_WAIT)

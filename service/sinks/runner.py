@@ -141,10 +141,6 @@ class SinkRunner:
             _log.error("sink %s: %s", self.name, self._error)
             self._queue.clear()
 
-    def wait_empty(self, timeout: float) -> bool:
-        """Whether all that was put is worked off within `timeout` seconds."""
-        return self._queue.wait_empty(timeout)
-
     def end(self, *, discard: bool = False) -> None:
         """Take nothing more, work off what waits and finish; or leave nothing behind."""
         self._discarding = discard
