@@ -173,8 +173,11 @@ def test_late_subscribers_and_queries_receive_the_latest_and_a_signal_ends_it_cl
         assert report["frames"] == 15
         with started(str(LISTENER), endpoint, f"{PREFIX}/fused/depth", "1", "--advanced") as late:
             assert told_by(late)["fused/depth"]["shape"] == [576, 704]
-        with started(str(LISTENER), endpoint, PREFIX, "1", "--get", "status") as query:
-            status = told_by(query)["status"]["json"]
+        for _ in range(20):  # it is told once a second: the latest may be of before the first map
+            with started(str(LISTENER), endpoint, PREFIX, "1", "--get", "status") as query:
+                status = told_by(query)["status"]["json"]
+            if status["totals"]["fused"]:
+                break
         assert status["source"] == "replay"
         assert status["totals"]["fused"] >= 1
         service.send_signal(signal.SIGTERM)
