@@ -25,8 +25,8 @@ from usb_standin import (
     SR4000_IDS,
     Firmware,
     StandIn,
-    VendorSoftware,
 )
+from vendor_software import VendorSoftware
 
 
 @pytest.fixture
