@@ -4,34 +4,21 @@ Stage axes at (0, 0): x right, y down, z forward. Pan > 0 turns left about the u
 outer axis; tilt > 0 turns up about x.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from drivers.calibration import Mount
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
-
-
-def _rotation(vector: ArrayLike) -> Rotation:
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_rotvec(np.asarray(vector, dtype=np.float64))
+from drivers.rotations import rotation_matrix, rotation_vector
 
 
 def stage_rotation(pan: float, tilt: float) -> NDArray[np.float64]:
     """(3, 3) rotation that takes the turned platform's axes to the stage's at rest."""
-    turn = _rotation((0.0, -pan, 0.0)) * _rotation((tilt, 0.0, 0.0))
-    return np.asarray(turn.as_matrix())
+    return rotation_matrix((0.0, -pan, 0.0)) @ rotation_matrix((tilt, 0.0, 0.0))
 
 
 def camera_rotation(pan: float, tilt: float, mount: Mount) -> NDArray[np.float64]:
     """(3, 3) rotation that takes camera axes to stage axes at the given angles (radians)."""
-    return stage_rotation(pan, tilt) @ _rotation(mount.rotation).as_matrix()
+    return stage_rotation(pan, tilt) @ rotation_matrix(mount.rotation)
 
 
 def camera_centre(pan: float, tilt: float, mount: Mount) -> NDArray[np.float64]:
@@ -50,9 +37,7 @@ def relative_rotations(angles: ArrayLike, mount: Mount) -> NDArray[np.float64]:
     Returns:
         (N, 3) radians, camera axes; the first is zero.
     """
-    from scipy.spatial.transform import Rotation
-
     matrices = np.stack(
         [camera_rotation(pan, tilt, mount) for pan, tilt in np.asarray(angles, dtype=np.float64)]
     )
-    return np.asarray(Rotation.from_matrix(matrices[0].T @ matrices).as_rotvec())
+    return rotation_vector(matrices[0].T @ matrices)
