@@ -11,13 +11,17 @@ from drivers.calibration import Mount
 from drivers.rotations import rotation_matrix, rotation_vector
 
 
-def stage_rotation(pan: float, tilt: float) -> NDArray[np.float64]:
-    """(3, 3) rotation that takes the turned platform's axes to the stage's at rest."""
-    return rotation_matrix((0.0, -pan, 0.0)) @ rotation_matrix((tilt, 0.0, 0.0))
+def stage_rotation(pan: ArrayLike, tilt: ArrayLike) -> NDArray[np.float64]:
+    """Rotations (..., 3, 3) that take the turned platform's axes to the stage's at rest; angles (...)."""
+    p, t = np.asarray(pan, dtype=np.float64), np.asarray(tilt, dtype=np.float64)
+    still = np.zeros_like(p)
+    return rotation_matrix(np.stack([still, -p, still], -1)) @ rotation_matrix(
+        np.stack([t, still, still], -1)
+    )
 
 
-def camera_rotation(pan: float, tilt: float, mount: Mount) -> NDArray[np.float64]:
-    """(3, 3) rotation that takes camera axes to stage axes at the given angles (radians)."""
+def camera_rotation(pan: ArrayLike, tilt: ArrayLike, mount: Mount) -> NDArray[np.float64]:
+    """Rotations (..., 3, 3) that take camera axes to stage axes at the given angles (...), radians."""
     return stage_rotation(pan, tilt) @ rotation_matrix(mount.rotation)
 
 
@@ -37,7 +41,6 @@ def relative_rotations(angles: ArrayLike, mount: Mount) -> NDArray[np.float64]:
     Returns:
         (N, 3) radians, camera axes; the first is zero.
     """
-    matrices = np.stack(
-        [camera_rotation(pan, tilt, mount) for pan, tilt in np.asarray(angles, dtype=np.float64)]
-    )
+    pan, tilt = np.asarray(angles, dtype=np.float64).T
+    matrices = camera_rotation(pan, tilt, mount)
     return rotation_vector(matrices[0].T @ matrices)

@@ -18,9 +18,7 @@ def rotation_matrix(vector: ArrayLike) -> Float:
     cross -= np.swapaxes(cross, -1, -2)
     # sinc(a/π) = sin(a)/a; (1 − cos a)/a² = ½ (sin(a/2)/(a/2))², which does not cancel where a is small.
     matrix: Float = (
-        np.eye(3)
-        + np.sinc(angle / np.pi) * cross
-        + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (cross @ cross)
+        np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (cross @ cross)
     )
     return matrix
 

@@ -4,7 +4,6 @@ What is drawn is the number of a colour, so that nothing is three bytes wide and
 library of plots takes ten times as long, and seconds to import.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
@@ -110,7 +109,8 @@ def _fitted(image: NDArray[Any]) -> NDArray[Any]:
         np.minimum(((np.arange(max(1, round(many * scale))) + 0.5) / scale).astype(int), many - 1)
         for many in (rows, columns)
     )
-    return image[row][:, column]
+    fitted: NDArray[Any] = image[row][:, column]
+    return fitted
 
 
 def _numbers(image: NDArray[Any], panel: Panel) -> NDArray[np.uint8]:
@@ -124,7 +124,7 @@ def _share(values: NDArray[Any], panel: Panel) -> NDArray[np.float32]:
     """Where values lie between the ends of the scale, 0 to 1."""
     share = (values.astype(np.float32) - np.float32(panel.low)) / np.float32(panel.high - panel.low)
     share = np.clip(share, 0, 1)
-    return np.sqrt(share) if panel.root else share
+    return np.asarray(np.sqrt(share) if panel.root else share)
 
 
 def _first(colours: Colours) -> int:
@@ -146,16 +146,13 @@ def _palette(third: Colours) -> bytes:
     import cv2
 
     at = np.linspace(0, 255, _LEVELS).round().astype(np.uint8)[:, None]
-    named: dict[str, Callable[[], NDArray[Any]]] = {
-        "viridis": lambda: cv2.applyColorMap(at, cv2.COLORMAP_VIRIDIS)[:, 0, ::-1],
-        "magma": lambda: cv2.applyColorMap(at, cv2.COLORMAP_MAGMA)[:, 0, ::-1],
-        "red-blue": lambda: np.stack(
-            [np.interp(at[:, 0], np.linspace(0, 255, len(_RED_BLUE)), one) for one in np.transpose(_RED_BLUE)], -1
-        ),
-    }
-    grey = at.repeat(3, axis=1)
-    scales = np.concatenate([grey, named["viridis"](), named[third](), np.array(_BACKGROUNDS)])
-    return scales.round().astype(np.uint8).tobytes()
+    scales = [at.repeat(3, axis=1), cv2.applyColorMap(at, cv2.COLORMAP_VIRIDIS)[:, 0, ::-1]]
+    if third == "red-blue":
+        ends = np.linspace(0, 255, len(_RED_BLUE))
+        scales.append(np.stack([np.interp(at[:, 0], ends, one) for one in np.transpose(_RED_BLUE)], -1))
+    else:
+        scales.append(cv2.applyColorMap(at, cv2.COLORMAP_MAGMA)[:, 0, ::-1])
+    return np.concatenate([*scales, np.array(_BACKGROUNDS)]).round().astype(np.uint8).tobytes()
 
 
 @cache
