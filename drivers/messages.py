@@ -27,6 +27,7 @@ from drivers.calibration import Calibration, Mount
 from drivers.errors import RecordingError
 from drivers.frame import AmplitudeMode, Frame
 from drivers.poses import camera_centre, camera_rotation
+from drivers.rotations import quaternion
 
 CAMERA_DISTANCE = "camera/distance"
 CAMERA_AMPLITUDE = "camera/amplitude"
@@ -267,7 +268,5 @@ def _transform_message(frame: Frame, mount: Mount) -> Message:
 
 @lru_cache(maxsize=256)  # a plan comes back to its poses, and working one out costs as much as all else
 def _camera_in_rig(pan: float, tilt: float, mount: Mount) -> tuple[list[float], list[float]]:
-    from scipy.spatial.transform import Rotation
-
-    turn = Rotation.from_matrix(RIG_FROM_STAGE @ camera_rotation(pan, tilt, mount))
-    return (RIG_FROM_STAGE @ camera_centre(pan, tilt, mount)).tolist(), turn.as_quat().tolist()
+    turn = quaternion(RIG_FROM_STAGE @ camera_rotation(pan, tilt, mount))
+    return (RIG_FROM_STAGE @ camera_centre(pan, tilt, mount)).tolist(), turn.tolist()

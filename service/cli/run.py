@@ -2,6 +2,7 @@
 
 import logging
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -85,18 +86,21 @@ def run(
     something not delivered; 130 one pass stopped before its first map.
     A daemon told to stop ends with 0.
     """
-    from service.cli.operator import with_consent
-    from service.config.file import load
-    from service.fusion.local import LocalExecutor
+    from service.fusion.process import fusion_process
     from service.signals import stopping
 
-    with stopping() as signals:
+    with stopping() as signals, ExitStack() as stack:
         _check(replay, speed, loop, once)
+        worker = stack.enter_context(fusion_process())  # it starts while the rest is imported
+        from service.cli.operator import with_consent
+        from service.config.file import load
+        from service.fusion.local import LocalExecutor
+
         configuration = with_consent(load(config), home)
         if replay is not None:
             configuration = _playing(configuration, replay, speed or (None if once else 1.0), loop)
-        with LocalExecutor.configured(configuration) as executor:  # it starts while the rest is imported
-            summary = _served(configuration, executor, output, signals, home=home, once=once, quiet=as_json)
+        executor = stack.enter_context(LocalExecutor.configured(configuration, worker))
+        summary = _served(configuration, executor, output, signals, home=home, once=once, quiet=as_json)
     if summary is None:
         if once:
             raise typer.Abort

@@ -18,6 +18,7 @@ from solver.errors import FusionError
 
 def answering() -> Callable[[Job | WarmUp], Answer]:
     """What answers each request in turn; it remembers the stream at work."""
+    _forgo_blas()
     streams: dict[int, Stream] = {}
 
     def answer(request: Job | WarmUp) -> Answer:
@@ -33,6 +34,19 @@ def answering() -> Callable[[Job | WarmUp], Answer]:
             return Failure(f"internal error, {type(error).__name__}: {error}")
 
     return answer
+
+
+def _forgo_blas() -> None:
+    """Spare Numba a third of a second, in which it would import SciPy for products of matrices in kernels.
+
+    No kernel has one; where one did, compiling it would fail here.
+    """
+    from numba.np import linalg
+
+    def absent() -> None:
+        raise ImportError("not used here")
+
+    linalg.ensure_blas = absent
 
 
 def _stream(streams: dict[int, Stream], job: FrameJob) -> Stream:

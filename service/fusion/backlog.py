@@ -20,7 +20,7 @@ class Backlog:
 
     Args:
         executor: does them.
-        on_fused: called with every map, in a thread of the executor's.
+        on_fused: called with every job that was done and its map, in a thread of the executor's.
         on_failed: called there with a job that could not be done, and why.
         lossless: wait for room instead of dropping.
     """
@@ -28,7 +28,7 @@ class Backlog:
     def __init__(
         self,
         executor: Executor,
-        on_fused: Callable[[FusedMap], None],
+        on_fused: Callable[[Job, FusedMap], None],
         on_failed: Callable[[Job, Exception], None],
         *,
         lossless: bool,
@@ -117,7 +117,7 @@ class Backlog:
             done(error)
         else:
             self.fused += 1
-            self._on_fused(result)
+            self._on_fused(job, result)
             done(result)
 
 

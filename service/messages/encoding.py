@@ -45,7 +45,7 @@ from service.messages.topics import (
     SCAN_PROGRESS,
     STATUS,
 )
-from solver.geometry import depth_from_distance, points_from_distance
+from solver.geometry import points_from_distance
 
 POINT_FIELDS = ("x", "y", "z", "amplitude", "deviation")
 
@@ -119,9 +119,9 @@ def fused_messages(result: FusedMap) -> list[Message]:
     who has an image can ask for what belongs to it.
     """
     at = result.frame.timestamp, result.frame.sequence
-    lens = result.calibration.distortion or None
     # Z = distance · cos(angle off the axis), and so is its standard deviation.
-    deviation = depth_from_distance(result.deviation, result.intrinsics, lens)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        deviation = result.deviation * (result.depth / result.distance)
     messages = [
         calibration_message(fused_calibration(result), at[0], topic=FUSED_CALIBRATION, sequence=at[1]),
         image_message(FUSED_DEPTH, result.depth, "32FC1", CAMERA_FRAME_ID, *at),
