@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from service.cli.preset import PresetOption, configured
+
 if TYPE_CHECKING:
     from service.config.sections import Configuration
     from service.daemon.daemon import Daemon
@@ -49,6 +51,7 @@ def run(
             rich_help_panel=_RUN,
         ),
     ] = False,
+    preset: PresetOption = None,
     output: Annotated[
         Path | None,
         typer.Option(help="Directory for fused.mcap and a picture of every burst.", rich_help_panel=_RUN),
@@ -86,13 +89,12 @@ def run(
     A daemon told to stop ends with 0.
     """
     from service.cli.operator import with_consent
-    from service.config.file import load
     from service.fusion.local import LocalExecutor
     from service.signals import stopping
 
     with stopping() as signals:
         _check(replay, speed, loop, once)
-        configuration = with_consent(load(config), home)
+        configuration = with_consent(configured(config, preset), home)
         if replay is not None:
             configuration = _playing(configuration, replay, speed or (None if once else 1.0), loop)
         with LocalExecutor.configured(configuration) as executor:  # it starts while the rest is imported

@@ -11,6 +11,7 @@ from service.files import whole_file
 from service.messages.map import FusedMap
 from service.messages.quality import error_map, judge
 from service.sinks.shading import Surface
+from solver.reason import CONTRADICTED, DARK, FILLED, OUTSIDE, SATURATED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,6 +19,18 @@ if TYPE_CHECKING:
 
 _VIEWS = ((0.4, 0.15), (-0.4, 0.15))
 """Yaw and pitch of the two viewpoints, radians: far enough round to see relief, not to hide half of it."""
+
+
+_DEPTH = 2
+"""Which panel shows the depth."""
+
+_UNKNOWN = {
+    DARK: ("dark", "#000000"),
+    SATURATED: ("saturated", "#ffffff"),
+    CONTRADICTED: ("contradicted", "#e0457b"),
+    OUTSIDE: ("outside", "#b8b8b8"),
+}
+"""Name and colour by reason; none is a colour of a depth."""
 
 
 def write_preview(path: Path, result: FusedMap, truth: NDArray[np.float32] | None = None) -> None:
@@ -28,8 +41,9 @@ def write_preview(path: Path, result: FusedMap, truth: NDArray[np.float32] | Non
 class Picture:
     """A picture of a map, which may be drawn again for the next one: laying it out takes longest.
 
-    Panels: distance and amplitude of the reference frame, fused depth, the surface from two sides, and the
-    error where there is a truth of the map's size, else the standard deviation.
+    Panels: distance and amplitude of the reference frame, fused depth with the reason where it is unknown,
+    the surface from two sides, and the error where there is a truth of the map's size, else the standard
+    deviation.
 
     Args:
         result: the map.
@@ -46,6 +60,7 @@ class Picture:
         self._shown: list[AxesImage] = []
         for axes, panel in zip(self._axes, _panels(result, truth), strict=True):
             self._shown.append(_show(axes, panel))
+        self._reasons = _show_reasons(self._axes[_DEPTH], result.reason)
         self.figure.suptitle(_title(result, truth), fontsize=12)
 
     @staticmethod
@@ -60,6 +75,7 @@ class Picture:
             axes.set_title(panel.title, fontsize=11)
             image.set_data(panel.image)
             image.set_clim(panel.low, panel.high)
+        self._reasons.set_data(_unknown(result.reason))
         self.figure.suptitle(_title(result, truth), fontsize=12)
 
     def save(self, path: Path) -> None:
@@ -92,7 +108,7 @@ def _panels(result: FusedMap, truth: NDArray[np.float32] | None) -> list[_Panel]
     return [
         _Panel(frame.distance, "viridis", "distance, m", f"{of}: distance", *_range(frame.distance)),
         _Panel(frame.amplitude, "gray", "amplitude, counts", f"{of}: amplitude", 0.0, brightest, root=True),
-        _Panel(depth, "viridis", "depth, m", f"fused depth, {size}", *_range(depth)),
+        _Panel(depth, "viridis", "depth, m", f"fused depth, {size}{_shares(result.reason)}", *_range(depth)),
         *(_side(surface, yaw, pitch) for yaw, pitch in _VIEWS),
         _judged(result, truth),
     ]
@@ -134,6 +150,39 @@ def _show(axes: "Axes", panel: _Panel) -> "AxesImage":
             shown, ax=axes, label=panel.unit, shrink=0.85, extend="neither" if panel.root else "both"
         )
     return shown
+
+
+def _show_reasons(axes: "Axes", reason: NDArray[np.uint8]) -> "AxesImage":
+    """Paint unknown pixels by their reason, and say below which colour is which."""
+    from matplotlib.colors import ListedColormap
+    from matplotlib.patches import Patch
+
+    colours = [colour for _, colour in _UNKNOWN.values()]
+    first = min(_UNKNOWN)
+    shown = axes.imshow(
+        _unknown(reason),
+        cmap=ListedColormap(colours),
+        vmin=first - 0.5,
+        vmax=first + len(colours) - 0.5,
+        interpolation="nearest",
+    )
+    patches = [Patch(facecolor=c, edgecolor="#404040", label=name) for name, c in _UNKNOWN.values()]
+    axes.legend(
+        handles=patches, loc="upper center", bbox_to_anchor=(0.5, 0), ncols=4, fontsize=9, frameon=False
+    )
+    return shown
+
+
+def _unknown(reason: NDArray[np.uint8]) -> "np.ma.MaskedArray[Any, Any]":
+    return np.ma.masked_less(reason, min(_UNKNOWN))
+
+
+def _shares(reason: NDArray[np.uint8]) -> str:
+    """What part of the map is not measured, and why."""
+    names = {FILLED: "filled"} | {value: name for value, (name, _) in _UNKNOWN.items()}
+    shares = {name: float(np.mean(reason == value)) for value, name in names.items()}
+    said = ", ".join(f"{name} {share:.1%}" for name, share in shares.items() if share)
+    return f": {said}" if said else ""
 
 
 def _range(image: NDArray[np.floating]) -> tuple[float, float]:
