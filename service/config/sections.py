@@ -8,7 +8,6 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from drivers.settings import CameraSettings
 from solver.options import FusionOptions, Method
 
-
 Preset = Literal["fine", "fast", "far", "dark"]
 """Names of the presets; `service.config.presets` has what they set."""
 
@@ -184,7 +183,8 @@ class Configuration(_Section):
 
     start: Literal["idle", "scan", "stream"] = Field("scan", description="What the service does first.")
     preset: Preset | None = Field(
-        None, description="Settings for a purpose, under all that is set explicitly: lidarboost config presets."
+        None,
+        description="Settings for a purpose, under all that is set explicitly: lidarboost config presets.",
     )
     camera: CameraSection = CameraSection()
     stage: StageSection = StageSection()
