@@ -113,10 +113,12 @@ def quality(
     """
     from service.evaluation.quality import measure
     from service.evaluation.quality_picture import write_quality
-    from service.evaluation.regions import PLANES
+    from service.evaluation.regions import PLANES, parse_region
     from service.evaluation.requirements import parse_requirement
 
     requirements = [parse_requirement(text) for text in require or ()]
+    for text in region or ():
+        parse_region(text)
     if distance is not None and board is not None:
         raise typer.BadParameter("--distance and --board both tell the truth: give one of them")
     if file is None:

@@ -38,17 +38,21 @@ def regions_of(texts: Sequence[str], take: Take) -> list[Region]:
     """
     found: list[Region] = []
     for text in texts:
-        if text == PLANES:
+        rectangle = parse_region(text)
+        if rectangle is not None:
+            found.append(_rectangle(text, rectangle, take.shape))
+        elif text == PLANES:
             masks = find_planes(take.coarse.points())
             found += [Region(f"plane {number}", mask) for number, mask in enumerate(masks, start=1)]
-        elif text == WHOLE:
-            found.append(Region(WHOLE, np.ones(take.shape, bool)))
         else:
-            found.append(_rectangle(text, take.shape))
+            found.append(Region(WHOLE, np.ones(take.shape, bool)))
     return found
 
 
-def _rectangle(text: str, shape: tuple[int, int]) -> Region:
+def parse_region(text: str) -> tuple[int, int, int, int] | None:
+    """TOP, LEFT, HEIGHT, WIDTH of a rectangle; None for `whole` and `planes`; raises `ConfigurationError`."""
+    if text in (WHOLE, PLANES):
+        return None
     try:
         top, left, height, width = (int(part) for part in text.split(","))
     except ValueError as error:
@@ -56,7 +60,14 @@ def _rectangle(text: str, shape: tuple[int, int]) -> Region:
             f"--region {text!r}: expected {WHOLE}, {PLANES}, or four whole numbers TOP,LEFT,HEIGHT,WIDTH in "
             "pixels of a frame"
         ) from error
-    if top < 0 or left < 0 or height < 1 or width < 1 or top + height > shape[0] or left + width > shape[1]:
+    if top < 0 or left < 0 or height < 1 or width < 1:
+        raise ConfigurationError(f"--region {text}: expected at least one pixel, within the frame")
+    return top, left, height, width
+
+
+def _rectangle(text: str, rectangle: tuple[int, int, int, int], shape: tuple[int, int]) -> Region:
+    top, left, height, width = rectangle
+    if top + height > shape[0] or left + width > shape[1]:
         raise ConfigurationError(
             f"--region {text}: reaches beyond the frame of {shape[0]} rows and {shape[1]} columns"
         )

@@ -128,7 +128,7 @@ def clouds(recording: Recording) -> Iterator[NDArray[Any]]:
     """Points of each fused map, or of each frame where there is no map.
 
     Yields:
-        (M,) structured float32: x, y, z (metres; right, down, forward), amplitude, and of maps the deviation and
+        (M,) structured float32: x, y, z (metres; right, down, forward), amplitude, and of maps deviation and
         reason; points that are not known are left out.
 
     Raises:

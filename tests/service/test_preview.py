@@ -19,6 +19,7 @@ from service.messages.quality import error_map, judge
 from service.sinks.drawing import Picture, write_preview
 from service.sinks.pictures import Pictures
 from service.sinks.shading import Surface
+from solver.reason import DARK, MEASURED
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +49,21 @@ def test_the_picture_has_six_panels_with_units(step: FusedMap) -> None:
     titles = [axes.get_title() for axes in figure.axes]
     assert sum(title.startswith("surface, seen") for title in titles) == 2
     assert "RMS error" in figure.get_suptitle()
+
+
+def test_it_shows_why_depths_are_unknown(step: FusedMap) -> None:
+    assert set(np.unique(step.reason)) == {MEASURED, DARK}
+    figure = Picture(step, TRUTH).figure
+    (title,) = (axes.get_title() for axes in figure.axes if axes.get_title().startswith("fused depth"))
+    share = np.mean(step.reason == DARK)
+    assert f"dark {share:.1%}" in title
+    (legend,) = (axes.get_legend() for axes in figure.axes if axes.get_legend())
+    assert [text.get_text() for text in legend.get_texts()] == [
+        "dark", "saturated", "contradicted", "outside"
+    ]  # fmt: skip
+    figure.canvas.draw()
+    painted = np.asarray(figure.canvas.buffer_rgba())[..., :3]
+    assert (painted == 0).all(axis=2).mean() > 1e-4  # black is no colour of a depth
 
 
 def test_without_a_truth_it_shows_the_deviation(step: FusedMap) -> None:
