@@ -217,7 +217,7 @@ def _said(result: "Quality", requirements: "Sequence[Requirement]", *, as_json: 
 
 def _lines(result: "Quality") -> Iterator[str]:
     yield (
-        f"{result.source}: {result.bursts} bursts, {result.frames} frames, "
+        f"{result.source}: {_counted(result.bursts, 'burst')}, {_counted(result.frames, 'frame')}, "
         f"{result.method or 'method not said'}, β = {result.upsampling}"
     )
     yield f"  {'':<14}{'before':>12}{'after':>12}"
@@ -230,7 +230,7 @@ def _lines(result: "Quality") -> Iterator[str]:
             for name in ("flatness", "fill", "noise", "repeatability")
             if (figure := getattr(part, name)).why is None
         )
-        yield f"{part.name}: {part.share:.0%} of the view{away}; {figures}"
+        yield f"{part.name}: {part.share:.1%} of the view{away}; {figures}"
     yield from (f"note: {note}" for note in result.notes)
 
 
@@ -243,3 +243,7 @@ def _shown(name: str, value: float | None) -> str:
     if value is None:
         return "–"
     return f"{value:.2%}" if name == "fill" else f"{value * 1e3:.2f} mm"
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
