@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from service.cli.preset import PresetOption, configured
+
 if TYPE_CHECKING:
     from service.config.sections import Configuration
     from service.daemon.daemon import Daemon
@@ -50,6 +52,7 @@ def run(
             rich_help_panel=_RUN,
         ),
     ] = False,
+    preset: PresetOption = None,
     output: Annotated[
         Path | None,
         typer.Option(help="Directory for fused.mcap and a picture of every burst.", rich_help_panel=_RUN),
@@ -93,10 +96,9 @@ def run(
         _check(replay, speed, loop, once)
         worker = stack.enter_context(fusion_process())  # it starts while the rest is imported
         from service.cli.operator import with_consent
-        from service.config.file import load
         from service.fusion.local import LocalExecutor
 
-        configuration = with_consent(load(config), home)
+        configuration = with_consent(configured(config, preset), home)
         if replay is not None:
             configuration = _playing(configuration, replay, speed or (None if once else 1.0), loop)
         executor = stack.enter_context(LocalExecutor.configured(configuration, worker))

@@ -17,6 +17,7 @@ from drivers.messages import (
 FUSED_DEPTH = "fused/depth"
 FUSED_DEVIATION = "fused/deviation"
 FUSED_AMPLITUDE = "fused/amplitude"
+FUSED_REASON = "fused/reason"
 FUSED_CALIBRATION = "fused/calibration"
 FUSED_POINTS = "fused/points"
 FUSED_REPORT = "fused/report"
@@ -145,6 +146,15 @@ _ROWS = (
         True,
         "32FC1, amplitude per second of integration time, where the method gives one",
         unit="counts/s",
+    ),
+    Topic(
+        FUSED_REASON,
+        "foxglove.RawImage",
+        "each fusion",
+        True,
+        _DROP,
+        True,
+        "8UC1: 0 measured, 1 filled; unknown: 2 dark, 3 saturated, 4 contradicted, 5 outside",
     ),
     Topic(
         FUSED_CALIBRATION,
