@@ -25,7 +25,7 @@ from service.wire.session import open_session
 
 FUSED_FILE = "fused.mcap"
 
-_HANDOVER, _HANDOVER_TOLD = 30.0, 2.5
+_HANDOVER, _HANDOVER_TOLD = 30.0, 2.2
 """Seconds that the sinks get at the end for what waits: after a whole run, and when told to stop."""
 
 SinkMakers = Mapping[str, Callable[[], Sink]]
@@ -65,7 +65,7 @@ def run_service(
     with ExitStack() as stack:
         if executor is None:
             executor = stack.enter_context(LocalExecutor.configured(configuration))
-        session = stack.enter_context(open_session(file=configuration.zenoh.config))
+        session = stack.enter_context(open_session(file=configuration.zenoh.config, lossless=once))
         if output is not None:
             stack.enter_context(made_directory(output))
         bus = stack.enter_context(Bus(lossless=once))

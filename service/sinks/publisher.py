@@ -21,8 +21,14 @@ from service.wire.sockets import bytes_under_way
 _MISS_HEARTBEAT = 1.0
 """Seconds after which a subscriber that recovers losses hears of the last message, if it missed that one."""
 
-_HANDOVER, _HANDOVER_LIVE = 25.0, 3.0
+_HANDOVER, _HANDOVER_LIVE = 25.0, 2.0
 """Seconds that subscribers get at the end to take what was published: in a lossless run, and live."""
+
+_STUCK = 1.0
+"""Seconds in which nothing may move, live, before those who still have to read are given up."""
+
+_REMEMBERED = 64
+"""Small messages that a subscriber which missed some can have again."""
 
 _POLL = 0.02
 _QUIET_POLLS = 3
@@ -79,7 +85,7 @@ class Publisher(Sink):
         timeout = _HANDOVER if self._lossless else _HANDOVER_LIVE
         if self._declared and not self.drain(timeout):
             self._undelivered = True
-            _log.warning("a subscriber did not take everything within %g s; what it missed is lost", timeout)
+            _log.warning("a subscriber did not take everything in time; what it missed is lost")
         while self._declared:
             self._declared.pop(0).undeclare()
 
@@ -105,15 +111,17 @@ class Publisher(Sink):
         Zenoh has no such call, and closing a session loses what a subscriber has not read yet (shared memory
         above all: it goes with its owner). So the kernel is asked what is still under way on each connection.
         """
-        deadline = time.monotonic() + timeout
-        quiet = 0
+        moved = time.monotonic()
+        deadline, patience = moved + timeout, timeout if self._lossless else _STUCK
+        quiet, before = 0, -1
         while quiet < _QUIET_POLLS:
-            under_way = self._under_way()
+            under_way, now = self._under_way(), time.monotonic()
             if under_way is None:
                 time.sleep(_BLIND_WAIT)
                 return True
             quiet = 0 if under_way else quiet + 1
-            if time.monotonic() > deadline:
+            moved, before = (moved if under_way == before else now), under_way
+            if now > min(deadline, moved + patience):
                 return False
             time.sleep(_POLL)
         return True
@@ -135,11 +143,10 @@ class Publisher(Sink):
         self.published += 1
 
     def _declare(self, topic: Topic) -> Any:
-        blocks = self._lossless or topic.congestion is Congestion.BLOCK
-        policy = zenoh.CongestionControl.BLOCK if blocks else zenoh.CongestionControl.DROP
-        # Frames give way to fused maps and reports on a thin link.
-        priority = zenoh.Priority.DATA if topic.latest else zenoh.Priority.DATA_LOW
-        key = self.key(topic.name)
+        # Live, nothing waits for a link that is full: it would hold up all other subscribers.
+        policy = zenoh.CongestionControl.BLOCK if self._lossless else zenoh.CongestionControl.DROP
+        is_small = topic.congestion is Congestion.AHEAD
+        priority, key = self._priority(topic), self.key(topic.name)
         if not topic.latest or _is_lazy(topic):
             return self._session.declare_publisher(key, congestion_control=policy, priority=priority)
         return zenoh.ext.declare_advanced_publisher(
@@ -147,12 +154,19 @@ class Publisher(Sink):
             key,
             congestion_control=policy,
             priority=priority,
-            cache=zenoh.ext.CacheConfig(max_samples=1),
+            cache=zenoh.ext.CacheConfig(max_samples=_REMEMBERED if is_small else 1),
             publisher_detection=True,
+            # Not the sporadic one: that waits for full links.
             sample_miss_detection=zenoh.ext.MissDetectionConfig(
-                heartbeat=None, sporadic_heartbeat=_MISS_HEARTBEAT
+                heartbeat=_MISS_HEARTBEAT, sporadic_heartbeat=None
             ),
         )
+
+    def _priority(self, topic: Topic) -> zenoh.Priority:
+        """Frames give way to fused maps on a thin link, and both to what is small; lossless, all keep order."""
+        if topic.congestion is Congestion.AHEAD and not self._lossless:
+            return zenoh.Priority.DATA_HIGH
+        return zenoh.Priority.DATA if topic.latest else zenoh.Priority.DATA_LOW
 
     def _answer(self, topic: Topic) -> zenoh.Queryable[None]:
         key = self.key(topic.name)
