@@ -125,6 +125,13 @@ class ZenohSection(_Section):
     config: Path | None = Field(
         None, description="Zenoh's own JSON5 file; none = a peer that listens on tcp/127.0.0.1:7447."
     )
+    raw_rate: float | None = Field(
+        None,
+        gt=0,
+        le=1000,
+        description="Raw frames published per second at most, for thin links; none = all. Recordings and "
+        "fusion have all in any case.",
+    )
 
 
 class RecordingSection(_Section):

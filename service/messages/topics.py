@@ -33,8 +33,8 @@ class Congestion(Enum):
     DROP = "drop"
     """It is lost for that subscriber: images, of which the next one is worth more."""
     AHEAD = "ahead"
-    """Small messages go ahead of all images, in a queue of their own of 1 MB for each subscriber: they are lost
-    where even that is full, and whoever asks for history and recovery gets the last ones later."""
+    """It goes ahead of all images, in a queue of its own of 1 MB for each subscriber, and is lost where even
+    that is full; whoever asks for history and recovery gets the last ones later. For small messages."""
     NONE = "–"
     """Not a publication."""
 

@@ -12,11 +12,17 @@ import zenoh.ext
 from drivers.messages import Message
 from service.messages.encoding import event_messages, points_of
 from service.messages.events import Delivery, Event, FrameCaptured, MapFused
+from service.messages.status import Subscriber
 from service.messages.topics import ALIVE, FUSED_POINTS, TOPICS, Congestion, Topic
 from service.sinks.sink import Room, Sink
 from service.wire.addresses import DEFAULT_PREFIX
 from service.wire.encoding import encoding
+from service.wire.queries import Allowance
+from service.wire.receipts import Receipts
 from service.wire.sockets import bytes_under_way
+
+PUBLISHER = "publisher"
+"""How the sink is called."""
 
 _MISS_HEARTBEAT = 1.0
 """Seconds after which a subscriber that recovers losses hears of the last message, if it missed that one."""
@@ -48,6 +54,7 @@ class Publisher(Sink):
         session: an open session; it must outlive the publisher.
         prefix: what every key begins with.
         lossless: a put waits for slow subscribers instead of dropping (a replay that has time).
+        raw_rate: frames published per second at most; None = all.
     """
 
     room = Room(2000, 64 << 20)
@@ -55,13 +62,20 @@ class Publisher(Sink):
     droppable = (FrameCaptured, MapFused)
 
     def __init__(
-        self, session: zenoh.Session, prefix: str = DEFAULT_PREFIX, *, lossless: bool = False
+        self,
+        session: zenoh.Session,
+        prefix: str = DEFAULT_PREFIX,
+        *,
+        lossless: bool = False,
+        raw_rate: float | None = None,
     ) -> None:
         super().__init__()
         self._session, self._prefix, self._lossless = session, prefix, lossless
+        self._frames = None if raw_rate is None else Allowance(raw_rate, 1.0)
         self._lock = Lock()
         self._latest: dict[str, Message | MapFused] = {}
         self._declared: list[Any] = []
+        self._receipts: Receipts | None = None
         self._undelivered = False
         self.published = 0
 
@@ -70,12 +84,17 @@ class Publisher(Sink):
         self._publishers = {topic.name: self._declare(topic) for topic in published}
         self._declared = [self._answer(topic) for topic in published if topic.latest]
         self._declared += self._publishers.values()
+        self._receipts = Receipts(self._session, self._prefix)
         self._declared.append(self._session.liveliness().declare_token(self.key(ALIVE)))
 
     def take(self, event: Event) -> None:
         if isinstance(event, Delivery):
             event.deliver()
             return
+        if isinstance(event, FrameCaptured) and self._frames is not None and not self._frames.spend():
+            return
+        if isinstance(event, MapFused):
+            self._expect_receipts(event)
         self.publish(event_messages(event))
         if isinstance(event, MapFused):
             self._publish_points(event)
@@ -86,12 +105,21 @@ class Publisher(Sink):
         if self._declared and not self.drain(timeout):
             self._undelivered = True
             _log.warning("a subscriber did not take everything in time; what it missed is lost")
+        if self._receipts is not None:
+            self._receipts.close()
+            self._receipts = None
         while self._declared:
             self._declared.pop(0).undeclare()
 
     @property
     def losses(self) -> tuple[str, ...]:
         return ("a subscriber did not take everything that was published",) if self._undelivered else ()
+
+    @property
+    def subscribers(self) -> tuple[Subscriber, ...]:
+        """Those who say when messages are in hand."""
+        receipts = self._receipts
+        return () if receipts is None else receipts.subscribers
 
     def key(self, topic: str) -> str:
         """The Zenoh key of a topic."""
@@ -125,6 +153,11 @@ class Publisher(Sink):
                 return False
             time.sleep(_POLL)
         return True
+
+    def _expect_receipts(self, event: MapFused) -> None:
+        told = event.map.report
+        if self._receipts is not None and told.latency is not None:
+            self._receipts.expect(event.map.frame.timestamp, time.monotonic() - told.latency)
 
     def _publish_points(self, event: MapFused) -> None:
         """The points of a map are made only while somebody listens, or when they are asked for."""
@@ -163,7 +196,7 @@ class Publisher(Sink):
         )
 
     def _priority(self, topic: Topic) -> zenoh.Priority:
-        """Frames give way to fused maps on a thin link, and both to what is small; lossless, all keep order."""
+        """Frames give way to fused maps on a thin link, both to what is small; lossless, maps keep order."""
         if topic.congestion is Congestion.AHEAD and not self._lossless:
             return zenoh.Priority.DATA_HIGH
         return zenoh.Priority.DATA if topic.latest else zenoh.Priority.DATA_LOW

@@ -30,8 +30,8 @@ _SETTINGS = {
     "transport/link/tcp/so_sndbuf": str(4 << 20),
     # How long one stuck subscriber may hold up the others for each image that it misses, in µs.
     "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments": "20000",
-    # Answers wait for a full link. One on which nothing moves for so long, µs, is closed; whoever is behind it
-    # connects again once it reads again.
+    # Answers wait for a full link. One on which nothing moves for so long, µs, is closed; whoever is behind
+    # it connects anew once it reads again.
     "transport/link/tx/queue/congestion_control/block/wait_before_close": "1000000",
 }
 """What is put in force unless the given file says otherwise."""
@@ -87,18 +87,24 @@ def _close(session: zenoh.Session) -> None:
     closing.start()
     closing.join(_CLOSING)
     if closing.is_alive():
-        _log.warning("the Zenoh session did not close within %g s: a subscriber has stopped reading", _CLOSING)
+        _log.warning(
+            "the Zenoh session did not close within %g s: a subscriber has stopped reading", _CLOSING
+        )
 
 
 def _configuration(
     listen: Sequence[str], connect: Sequence[str], file: Path | None, mode: str, *, lossless: bool = False
 ) -> zenoh.Config:
     told = ZenohFile(file)
-    settings = _SETTINGS | (_LOSSLESS if lossless else {}) | {
-        "mode": json.dumps(mode),
-        "listen/endpoints": json.dumps(list(listen)),
-        "connect/endpoints": json.dumps(list(connect)),
-    }
+    settings = (
+        _SETTINGS
+        | (_LOSSLESS if lossless else {})
+        | {
+            "mode": json.dumps(mode),
+            "listen/endpoints": json.dumps(list(listen)),
+            "connect/endpoints": json.dumps(list(connect)),
+        }
+    )
     try:
         for key, value in settings.items():
             if not told.says(key):
