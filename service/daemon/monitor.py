@@ -107,6 +107,7 @@ class Monitor:
             frames=settings.fusion.frames,
             window=settings.stream.window,
             span=settings.plan.span,
+            pause=settings.plan.pause,
             integration_time=self._rig.camera.settings.integration_time,
         )
 

@@ -19,6 +19,7 @@ from service.messages.summary import BurstSummary, RunSummary
 from service.sinks.bus import Bus
 from service.sinks.configured import configured_sinks
 from service.sinks.file_series import FileSeries
+from service.sinks.metrics import Metrics
 from service.sinks.pictures import Pictures
 from service.sinks.publisher import PUBLISHER, Publisher
 from service.sinks.recorder import RECORDER, Recorder, recorder_of
@@ -59,7 +60,7 @@ def run_service(
     Raises:
         ConfigurationError: a sink that cannot be used.
         SessionError: no Zenoh session.
-        OutputError: the output directory cannot be made.
+        OutputError: the output directory cannot be made, or the port for metrics is taken.
         DriverError, ServiceError: as `Daemon.run`; nothing is left in `output` then.
         KeyboardInterrupt: one pass was told to stop before its first map; the same.
     """
@@ -79,6 +80,8 @@ def run_service(
         bus.add(PUBLISHER, lambda: _publisher(configuration, session, once))
         if configuration.recording.enabled:
             bus.add(RECORDER, lambda: recorder_of(configuration.recording), must_open=False)
+        if configuration.metrics.enabled:
+            bus.add("metrics", lambda: Metrics(Metrics.Options(port=configuration.metrics.port)))
         for name, make in (*_outputs(configuration, output, once).items(), *makers.items()):
             bus.add(name, make)
         stack.enter_context(commanded(daemon, session))

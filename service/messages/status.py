@@ -126,6 +126,7 @@ class InForce(_Part):
     frames: int = Field(0, ge=0, description="Of a burst.")
     window: int = Field(0, ge=0, description="Frames of a stream that are fused together.")
     span: float = Field(0.0, ge=0, description="Width of the field of poses, low-resolution pixels.")
+    pause: float = Field(0.0, ge=0, description="Seconds between the end of a burst and the next.")
     integration_time: float = Field(0.0, ge=0, description="Seconds per phase sample.")
 
 
