@@ -133,7 +133,7 @@ def _served(
     from service.daemon.logs import log_to_stream
     from service.daemon.run import run_service
 
-    log_to_stream(logging.WARNING if once or quiet else logging.INFO)
+    log_to_stream(logging.WARNING if once or quiet else logging.INFO, configuration.log.format)
     rig = make_rig(configuration, operator=TerminalOperator(home, sees_log=not (once or quiet)))
     sinks = {"progress": progress_sink()} if once and not quiet else {}
 

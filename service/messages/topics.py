@@ -33,8 +33,9 @@ class Congestion(Enum):
 
     DROP = "drop"
     """It is lost for that subscriber: images, of which the next one is worth more."""
-    BLOCK = "block"
-    """The publisher waits: small messages that must arrive. A link stuck for 5 s is closed."""
+    AHEAD = "ahead"
+    """It goes ahead of all images, in a queue of its own of 1 MB for each subscriber, and is lost where even
+    that is full; whoever asks for history and recovery gets the last ones later. For small messages."""
     NONE = "–"
     """Not a publication."""
 
@@ -64,7 +65,7 @@ class Topic:
     unit: str = "–"
 
 
-_DROP, _BLOCK, _NONE = Congestion.DROP, Congestion.BLOCK, Congestion.NONE
+_DROP, _AHEAD, _NONE = Congestion.DROP, Congestion.AHEAD, Congestion.NONE
 
 _ROWS = (
     Topic(
@@ -102,7 +103,7 @@ _ROWS = (
         "foxglove.CameraCalibration",
         "at start and each burst",
         True,
-        _BLOCK,
+        _AHEAD,
         True,
         "intrinsics of the camera's own images",
         unit="pixels",
@@ -161,7 +162,7 @@ _ROWS = (
         "foxglove.CameraCalibration",
         "each fusion",
         True,
-        _BLOCK,
+        _AHEAD,
         True,
         "intrinsics of the fused images",
         unit="pixels",
@@ -181,7 +182,7 @@ _ROWS = (
         "lidarboost.BurstReport",
         "each fusion",
         True,
-        _BLOCK,
+        _AHEAD,
         True,
         "JSON: method, λ, iterations, frames used and rejected, noise, seconds, latency",
         unit="SI",
@@ -201,7 +202,7 @@ _ROWS = (
         "lidarboost.ReplayState",
         "5 Hz while a replay plays, else 1 Hz, and at once after a change",
         False,
-        _BLOCK,
+        _AHEAD,
         True,
         "JSON: what is played, where it is, how fast, and gaps of its clock",
         unit="SI",
@@ -211,12 +212,12 @@ _ROWS = (
         "lidarboost.Status",
         "1 Hz",
         True,
-        _BLOCK,
+        _AHEAD,
         True,
         "JSON: state, source, rates, drops by cause, disk, last error",
         unit="SI",
     ),
-    Topic(LOG, "foxglove.Log", "as it happens", True, _BLOCK, True, "the service's log"),
+    Topic(LOG, "foxglove.Log", "as it happens", True, _AHEAD, True, "the service's log"),
     Topic(ALIVE, "–", "liveliness token", False, _NONE, False, "present as long as the service runs"),
 )
 
