@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.frame import Frame
 from service.files import whole_file
 from service.messages.map import FusedMap
 from service.messages.quality import error_map, judge
@@ -51,7 +52,8 @@ class Picture:
     @staticmethod
     def kind(result: FusedMap, truth: NDArray[np.float32] | None) -> tuple[object, ...]:
         """Maps of one kind fit the same picture."""
-        return result.depth.shape, result.frame.shape, error_map(result, truth) is None
+        without = error_map(result, truth) is None
+        return result.depth.shape, result.frame.shape, result.frame.has_amplitude, without
 
     def show(self, result: FusedMap, truth: NDArray[np.float32] | None) -> None:
         """Draw another map of the same kind in the same layout."""
@@ -88,14 +90,21 @@ def _panels(result: FusedMap, truth: NDArray[np.float32] | None) -> list[_Panel]
     of = f"frame {frame.sequence}"
     size = f"{depth.shape[1]} × {depth.shape[0]}"
     surface = Surface(result.distance, result.intrinsics, result.calibration.distortion or None)
-    brightest = max(1.0, float(frame.amplitude.max()))
     return [
         _Panel(frame.distance, "viridis", "distance, m", f"{of}: distance", *_range(frame.distance)),
-        _Panel(frame.amplitude, "gray", "amplitude, counts", f"{of}: amplitude", 0.0, brightest, root=True),
+        _amplitude(frame, of),
         _Panel(depth, "viridis", "depth, m", f"fused depth, {size}", *_range(depth)),
         *(_side(surface, yaw, pitch) for yaw, pitch in _VIEWS),
         _judged(result, truth),
     ]
+
+
+def _amplitude(frame: Frame, of: str) -> _Panel:
+    if frame.amplitude is None:
+        nothing = np.full(frame.shape, np.nan)
+        return _Panel(nothing, "gray", None, f"{of}: the camera gives no amplitude", 0.0, 1.0)
+    brightest = max(1.0, float(frame.amplitude.max()))
+    return _Panel(frame.amplitude, "gray", "amplitude, counts", f"{of}: amplitude", 0.0, brightest, root=True)
 
 
 def _side(surface: Surface, yaw: float, pitch: float) -> _Panel:
