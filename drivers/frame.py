@@ -26,8 +26,8 @@ class Frame:
     """One exposure: what a depth camera saw at one time.
 
     Attributes:
-        counts: (H, W) radial distance: uint16, metres = counts · `metres_per_count`, 0 = rejected; or float32,
-            metres, rejected where not a positive number.
+        counts: (H, W) radial distance: uint16, metres = counts · `metres_per_count`, 0 = rejected; or
+            float32, metres, rejected where not a positive number.
         amplitude: (H, W) uint16, received modulated light in counts; None = the camera gives none.
         timestamp: ns since the epoch, middle of the exposure.
         sequence: counted by the driver; a gap is a drop.

@@ -95,8 +95,8 @@ class FrameAssembler:
     """Matches distance, amplitude and fields by time and sequence; only their places are remembered.
 
     Where several messages of a topic have one time and sequence (two recordings put into one file), the first
-    of each topic belong together, then the second, and so on. A frame whose fields say that the camera gives no
-    amplitude waits for none.
+    of each topic belong together, then the second, and so on. A frame whose fields say that the camera gives
+    no amplitude waits for none.
     """
 
     def __init__(self) -> None:
@@ -134,7 +134,8 @@ def frame_entry(distance: Part, amplitude: Part | None, fields: Part) -> FrameEn
     size = image.shape
     if not image.is_metric and said.scale is None and said.ambiguity_range is None:
         raise RecordingError(
-            f"counts of frame {said.sequence} have no scale; expected ambiguity_range or scale in {CAMERA_FRAME}"
+            f"counts of frame {said.sequence} have no scale; expected ambiguity_range or scale in "
+            f"{CAMERA_FRAME}"
         )
     if amplitude is not None and size != cast(ImageKind, amplitude.said).shape:
         raise RecordingError(

@@ -39,8 +39,8 @@ class Burst:
             check_frame(frame, self.calibration)
             if frame.ambiguity_range != self.frames[0].ambiguity_range:
                 raise RecordingError(
-                    f"burst {self.id} mixes ambiguity ranges of {_metres(self.frames[0].ambiguity_range)} and "
-                    f"{_metres(frame.ambiguity_range)}; expected one modulation frequency in a burst"
+                    f"burst {self.id} mixes ambiguity ranges of {_metres(self.frames[0].ambiguity_range)} "
+                    f"and {_metres(frame.ambiguity_range)}; expected one modulation frequency in a burst"
                 )
             if frame.has_amplitude != self.frames[0].has_amplitude:
                 raise RecordingError(
