@@ -75,7 +75,8 @@ _ROWS = (
         True,
         _DROP,
         False,
-        "16UC1, radial counts; metres = counts · ambiguity range (`camera/frame`) / 65536, 0 = rejected",
+        "16UC1, radial counts; metres = counts · `scale`, else ambiguity range / 65536 (`camera/frame`), "
+        "0 = rejected; or 32FC1, radial, metres",
         unit="counts",
     ),
     Topic(
@@ -85,7 +86,7 @@ _ROWS = (
         True,
         _DROP,
         False,
-        "mono16, amplitude, counts",
+        "mono16, amplitude, counts, where the camera gives one",
         unit="counts",
     ),
     Topic(

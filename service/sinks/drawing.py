@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.frame import Frame
 from service.files import whole_file
 from service.messages.map import FusedMap
 from service.messages.quality import error_map, judge
@@ -47,10 +48,9 @@ def panels_of(result: FusedMap, truth: NDArray[np.float32] | None) -> list[Panel
     of = f"frame {frame.sequence}"
     size = f"{depth.shape[1]} × {depth.shape[0]}"
     surface = Surface(result.distance, result.intrinsics, result.calibration.distortion or None)
-    brightest = max(1.0, float(frame.amplitude.max()))
     return [
         Panel(frame.distance, "viridis", f"{of}: distance, m", *_range(frame.distance)),
-        Panel(frame.amplitude, "grey", f"{of}: amplitude, counts", 0.0, brightest, root=True),
+        _amplitude(frame, of),
         Panel(
             depth,
             "viridis",
@@ -62,6 +62,14 @@ def panels_of(result: FusedMap, truth: NDArray[np.float32] | None) -> list[Panel
         *(_side(surface, yaw, pitch) for yaw, pitch in _VIEWS),
         _judged(result, truth),
     ]
+
+
+def _amplitude(frame: Frame, of: str) -> Panel:
+    if frame.amplitude is None:
+        nothing = np.full(frame.shape, np.nan)
+        return Panel(nothing, "grey", f"{of}: the camera gives no amplitude", 0.0, 1.0, scale=False)
+    brightest = max(1.0, float(frame.amplitude.max()))
+    return Panel(frame.amplitude, "grey", f"{of}: amplitude, counts", 0.0, brightest, root=True)
 
 
 def _side(surface: Surface, yaw: float, pitch: float) -> Panel:
