@@ -28,6 +28,7 @@ from drivers.errors import RecordingError
 from drivers.frame import AmplitudeMode, Frame
 from drivers.poses import camera_centre, camera_rotation
 from drivers.rotations import quaternion
+from drivers.text import json_of
 
 CAMERA_DISTANCE = "camera/distance"
 CAMERA_AMPLITUDE = "camera/amplitude"
@@ -189,7 +190,7 @@ def protobuf_message(topic: str, message: Protobuf, timestamp: int, sequence: in
 
 def json_message(topic: str, model: BaseModel, timestamp: int, sequence: int = 0) -> Message:
     """A pydantic model as JSON with its JSON schema."""
-    return Message(topic, json_schema(type(model)), model.model_dump_json().encode(), timestamp, sequence)
+    return Message(topic, json_schema(type(model)), json_of(model), timestamp, sequence)
 
 
 def protobuf_time(timestamp: int) -> Timestamp:

@@ -84,7 +84,7 @@ def run(
     0 done; 1 failed; 2 wrong usage or configuration; 3 done, but data
     was lost: a damaged recording, a burst that could not be fused,
     something not delivered; 130 one pass stopped before its first map.
-    A daemon told to stop ends with 0.
+    A daemon told to stop ends with 0, or with 3 where data was lost.
     """
     from service.fusion.process import fusion_process
     from service.signals import stopping
@@ -109,8 +109,7 @@ def run(
         print(summary.model_dump_json(indent=2))
     else:
         _tell(summary)
-    # A daemon that was told to stop has done its work, whatever it lost on the way.
-    if summary.lost and not (signals.told and not once):
+    if summary.lost:
         raise typer.Exit(3)
 
 

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
+from math import isfinite
 from threading import Event as Flag
 
 import numpy as np
@@ -9,10 +10,11 @@ from numpy.typing import NDArray
 
 from service.errors import ServiceError
 from service.fusion.backlog import Backlog
-from service.fusion.job import FrameJob, Job
+from service.fusion.job import FrameJob, Iterating, Job
 from service.fusion.local import LocalExecutor
-from service.messages.events import Event, FusionFailed, MapFused
+from service.messages.events import Event, FusionFailed, MapFused, SolverAdvanced
 from service.messages.map import FusedMap
+from service.messages.progress import SolverProgress
 
 _log = logging.getLogger(__name__)
 
@@ -31,7 +33,7 @@ class Fusing:
 
     def __init__(self, executor: LocalExecutor, emit: Callable[[Event], None], *, lossless: bool) -> None:
         self.executor = executor
-        self.backlog = Backlog(self.executor, self._fused, self._failed, lossless=lossless)
+        self.backlog = Backlog(self.executor, self._fused, self._failed, self._iterating, lossless=lossless)
         self.truth: NDArray[np.float32] | None = None
         self._emit = emit
         self._streams = 0
@@ -73,6 +75,14 @@ class Fusing:
             self._moved = stream
         moved = stream is not None and stream == self._moved
         self._emit(MapFused(result, None if moved else self.truth))
+
+    def _iterating(self, job: Job, so_far: Iterating) -> None:
+        known = so_far.objective if isfinite(so_far.objective) else None
+        self._emit(
+            SolverAdvanced(
+                SolverProgress(burst=job.number, iteration=so_far.iteration, objective=known, gap=so_far.gap)
+            )
+        )
 
     def _failed(self, job: Job, error: Exception) -> None:
         _log.error("number %d could not be fused: %s", job.number, error)

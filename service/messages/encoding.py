@@ -20,6 +20,7 @@ from drivers.messages import (
     protobuf_message,
     protobuf_time,
 )
+from drivers.names import shown
 from service.errors import EncodingError
 from service.messages.events import (
     BurstCaptured,
@@ -179,7 +180,7 @@ def log_message(record: logging.LogRecord) -> Message:
     message = Log(
         timestamp=protobuf_time(timestamp),
         level=_log_level(record.levelno),
-        message=record.getMessage(),
+        message=shown(record.getMessage()),
         name=record.name,
         file=record.filename,
         line=record.lineno,

@@ -179,11 +179,11 @@ _ROWS = (
     Topic(
         SCAN_PROGRESS,
         "lidarboost.ScanProgress",
-        "each pose",
+        "each pose, and 5 Hz during a solve",
         False,
         _DROP,
         True,
-        "JSON: how far the burst at work is, and what is being fused",
+        "JSON: how far the burst at work is, what is being fused, and how far the solver is",
         unit="SI",
     ),
     Topic(

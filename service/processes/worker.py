@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -88,13 +89,21 @@ class Worker:
         with self._killing:
             self._process, self._channel = process, ours
 
-    def ask(self, request: object, timeout: float, interim: Callable[[Any], None] = lambda _: None) -> Any:
+    def ask(
+        self,
+        request: object,
+        timeout: float,
+        interim: Callable[[Any], None] = lambda _: None,
+        *,
+        renewed: bool = True,
+    ) -> Any:
         """What it answers to a request.
 
         Args:
             request: what is asked for.
-            timeout: seconds that it may take from one word to the next.
+            timeout: seconds that it may take.
             interim: called with what it says on the way, by `tell`.
+            renewed: whether each such word gives it as long again.
 
         Raises:
             HungError: it gave no answer within `timeout` seconds.
@@ -106,8 +115,10 @@ class Worker:
         self._asked = True
         try:
             channel.send(request)
-            while isinstance(said := channel.receive(timeout, self.cancelled), Interim):
+            end = time.monotonic() + timeout
+            while isinstance(said := channel.receive(end - time.monotonic(), self.cancelled), Interim):
                 interim(said.value)
+                end = time.monotonic() + timeout if renewed else end
             return said
         except TimeoutError as error:
             raise HungError(f"the {self._name} gave no answer within {timeout:g} s") from error

@@ -241,7 +241,7 @@ class Held:
     def __init__(self) -> None:
         self.jobs: list[tuple[Job, Future[FusedMap]]] = []
 
-    def submit(self, job: Job) -> "Future[FusedMap]":
+    def submit(self, job: Job, iterating: object = None) -> "Future[FusedMap]":  # noqa: ARG002
         self.jobs.append((job, Future()))
         return self.jobs[-1][1]
 
