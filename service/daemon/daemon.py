@@ -6,8 +6,6 @@ from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
 from threading import Event as Flag
 
-from pydantic import BaseModel
-
 from drivers.frame import Frame
 from drivers.recording import Recording
 from drivers.settings import Capabilities
@@ -135,42 +133,6 @@ class Daemon:
         """
         mode.prepare()
         return self.agenda.ask(mode)
-
-    def reconfigure(self, **sections: BaseModel) -> None:
-        """Put other sections of the configuration in force; for the thread that owns the devices.
-
-        Raises:
-            PlanError: a plan out of reach; nothing has changed.
-        """
-        before = self.configuration
-        self.configuration = before.model_copy(update=sections)
-        try:
-            self.renew()
-        except BaseException:
-            self.configuration = before
-            raise
-
-    def renew(self) -> None:
-        """Have the mode at work, or the next, begin anew with what is configured now; raises as `begin`."""
-        following = self.agenda.next
-        mode = following if following is not None else self.mode
-        if mode is None or mode.rig is not self.rig or isinstance(mode, Idle):
-            self._check_plan()
-        if following is not None and not isinstance(following, Idle):
-            self.agenda.replace(self._anew(following))
-        elif following is None and mode is not None and not isinstance(mode, Idle):
-            self.agenda.ask(self._anew(mode))
-        self.origin.tell_head()
-
-    def _check_plan(self) -> None:
-        """A plan is looked at also where nothing is scanned; raises `PlanError`."""
-        if self.rig.is_open:
-            Scanning(self).prepare()
-
-    def _anew(self, mode: Mode) -> Mode:
-        fresh = mode.anew()
-        fresh.prepare()
-        return fresh
 
     def close(self) -> None:
         """End the process that fuses, whatever it does."""

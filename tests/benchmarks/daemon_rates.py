@@ -200,7 +200,7 @@ def command(folder: Path, runs: int = 5) -> Iterator[str]:
 
 
 def commands(folder: Path) -> Iterator[str]:
-    """Asked from outside while it idles, scans and fuses, or waits for a camera that has stopped answering."""
+    """Asked from outside while it idles, while it scans and fuses, and while its camera is stuck."""
     for situation in ("idle", "scanning and fusing", "with a stuck camera"):
         place = folder / situation.replace(" ", "-")
         place.mkdir()
