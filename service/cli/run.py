@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from service.cli.preset import PresetOption, configured
+
 if TYPE_CHECKING:
     from service.config.sections import Configuration
     from service.daemon.daemon import Daemon
@@ -50,6 +52,7 @@ def run(
             rich_help_panel=_RUN,
         ),
     ] = False,
+    preset: PresetOption = None,
     output: Annotated[
         Path | None,
         typer.Option(help="Directory for fused.mcap and a picture of every burst.", rich_help_panel=_RUN),
@@ -93,10 +96,9 @@ def run(
         _check(replay, speed, loop, once)
         worker = stack.enter_context(fusion_process())  # it starts while the rest is imported
         from service.cli.operator import with_consent
-        from service.config.file import load
         from service.fusion.local import LocalExecutor
 
-        configuration = with_consent(load(config), home)
+        configuration = with_consent(configured(config, preset), home)
         if replay is not None:
             configuration = _playing(configuration, replay, speed or (None if once else 1.0), loop)
         executor = stack.enter_context(LocalExecutor.configured(configuration, worker))
@@ -131,7 +133,7 @@ def _served(
     from service.daemon.logs import log_to_stream
     from service.daemon.run import run_service
 
-    log_to_stream(logging.WARNING if once or quiet else logging.INFO)
+    log_to_stream(logging.WARNING if once or quiet else logging.INFO, configuration.log.format)
     rig = make_rig(configuration, operator=TerminalOperator(home, sees_log=not (once or quiet)))
     sinks = {"progress": progress_sink()} if once and not quiet else {}
 

@@ -77,6 +77,7 @@ class Daemon:
         self.origin = Origin(lambda: self.configuration, self.fusing, self.emit)
         self._advance = Advance(lambda: self.origin.planned, lambda: self.fusing.backlog.unfinished)
         self.mode: Mode | None = None
+        self.lookouts: list[Callable[[], None]] = []
         self.command_counts: Callable[[], CommandCounts] = CommandCounts
 
     @property

@@ -40,6 +40,7 @@ from service.messages.topics import (
     FUSED_DEPTH,
     FUSED_DEVIATION,
     FUSED_POINTS,
+    FUSED_REASON,
     FUSED_REPORT,
     LOG,
     REPLAY_STATE,
@@ -114,7 +115,7 @@ def _(event: Logged) -> list[Message]:
 
 
 def fused_messages(result: FusedMap) -> list[Message]:
-    """Calibration, depth, deviation, amplitude where there is one, and report of a fused map.
+    """Calibration, depth, deviation, amplitude where there is one, reasons and report of a fused map.
 
     All carry the time of the reference frame, so that its transform applies. The calibration comes first:
     who has an image can ask for what belongs to it.
@@ -130,6 +131,7 @@ def fused_messages(result: FusedMap) -> list[Message]:
     ]
     if result.amplitude is not None:
         messages.append(image_message(FUSED_AMPLITUDE, result.amplitude, "32FC1", CAMERA_FRAME_ID, *at))
+    messages.append(image_message(FUSED_REASON, result.reason, "8UC1", CAMERA_FRAME_ID, *at))
     return [*messages, json_message(FUSED_REPORT, result.report, *at)]
 
 

@@ -1,4 +1,4 @@
-"""A sheet of panels in 242 colours: images, their scales and titles, drawn in hundredths of a second.
+"""A sheet of panels in 246 colours: images, their scales and titles, drawn in hundredths of a second.
 
 What is drawn is the number of a colour, so that nothing is three bytes wide and the file is half as large. A
 library of plots takes ten times as long, and seconds to import.
@@ -31,6 +31,8 @@ _LEVELS = 80
 _BLACK, _WHITE = 0, _LEVELS - 1
 _LIGHT, _DARK = 3 * _LEVELS, 3 * _LEVELS + 1
 _BACKGROUNDS = ((0xC8, 0xC8, 0xC8), (0x20, 0x24, 0x2C))
+MARKS = ((0x00, 0x00, 0x00), (0xFF, 0xFF, 0xFF), (0xE0, 0x45, 0x7B), (0xB8, 0xB8, 0xB8))
+"""Colours of marked pixels, none of which is on the scale of a depth."""
 
 _RED_BLUE = (
     (5, 48, 97), (33, 102, 172), (67, 147, 195), (146, 197, 222), (209, 229, 240), (247, 247, 247),
@@ -51,6 +53,8 @@ class Panel:
         root: coloured by the square root of its values.
         scale: whether the scale stands beside it.
         dark: of background.
+        marks: (H, W) which pixels are painted in one of `MARKS` instead, counted from 1; 0 = none.
+        names: of the marks, told below.
     """
 
     image: NDArray[Any]
@@ -61,6 +65,8 @@ class Panel:
     root: bool = False
     scale: bool = True
     dark: bool = False
+    marks: NDArray[np.uint8] | None = None
+    names: tuple[str, ...] = ()
 
 
 def draw(panels: list[Panel], title: str) -> Image.Image:
@@ -80,12 +86,21 @@ def draw(panels: list[Panel], title: str) -> Image.Image:
 def _draw_panel(sheet: Image.Image, pen: ImageDraw.ImageDraw, panel: Panel, left: int, top: int) -> None:
     image = _fitted(panel.image)
     rows, columns = image.shape
-    sheet.paste(Image.fromarray(_numbers(image, panel)), (left, top))
+    numbers = _numbers(image, panel)
+    if panel.marks is not None:
+        marks = _fitted(panel.marks)
+        numbers = np.where(marks, np.uint8(_DARK) + marks, numbers)
+    sheet.paste(Image.fromarray(numbers), (left, top))
     pen.rectangle((left - 1, top - 1, left + columns, top + rows), outline=_BLACK)
     middle = left + columns / 2
     pen.text((middle, top - 6), panel.title, fill=_BLACK, font=_font(14), anchor="mb")
     if panel.scale:
         _draw_scale(sheet, pen, panel, (left + columns + _BAR_GAP, top), rows)
+    x, y = float(left), top + rows + 6
+    for mark, name in enumerate(panel.names, 1):
+        pen.rectangle((x, y, x + 12, y + 12), fill=_DARK + mark, outline=_BLACK)
+        pen.text((x + 17, y + 6), name, fill=_BLACK, font=_font(12), anchor="lm")
+        x += 17 + pen.textlength(name, _font(12)) + 12
 
 
 def _draw_scale(
@@ -152,7 +167,7 @@ def _palette(third: Colours) -> bytes:
         scales.append(np.stack([np.interp(at[:, 0], ends, one) for one in np.transpose(_RED_BLUE)], -1))
     else:
         scales.append(cv2.applyColorMap(at, cv2.COLORMAP_MAGMA)[:, 0, ::-1])
-    return np.concatenate([*scales, np.array(_BACKGROUNDS)]).round().astype(np.uint8).tobytes()
+    return np.concatenate([*scales, np.array(_BACKGROUNDS + MARKS)]).round().astype(np.uint8).tobytes()
 
 
 @cache

@@ -5,21 +5,28 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.frame import Frame
 from service.files import whole_file
 from service.messages.map import FusedMap
 from service.messages.quality import error_map, judge
 from service.sinks.canvas import Panel, draw
 from service.sinks.shading import Surface
+from solver.reason import CONTRADICTED, DARK, FILLED, OUTSIDE, SATURATED
 
 _VIEWS = ((0.4, 0.15), (-0.4, 0.15))
 """Yaw and pitch of the two viewpoints, radians: far enough round to see relief, not to hide half of it."""
 
 
+_UNKNOWN = {DARK: "dark", SATURATED: "saturated", CONTRADICTED: "contradicted", OUTSIDE: "outside"}
+"""Names by reason."""
+
+
 def write_preview(path: Path, result: FusedMap, truth: NDArray[np.float32] | None = None) -> None:
     """Draw a map and save it as PNG, whole or not at all.
 
-    Panels: distance and amplitude of the reference frame, fused depth, the surface from two sides, and the
-    error where there is a truth of the map's size, else the standard deviation.
+    Panels: distance and amplitude of the reference frame, fused depth with the reason where it is unknown,
+    the surface from two sides, and the error where there is a truth of the map's size, else the standard
+    deviation.
 
     Args:
         path: of the picture.
@@ -41,14 +48,28 @@ def panels_of(result: FusedMap, truth: NDArray[np.float32] | None) -> list[Panel
     of = f"frame {frame.sequence}"
     size = f"{depth.shape[1]} × {depth.shape[0]}"
     surface = Surface(result.distance, result.intrinsics, result.calibration.distortion or None)
-    brightest = max(1.0, float(frame.amplitude.max()))
     return [
         Panel(frame.distance, "viridis", f"{of}: distance, m", *_range(frame.distance)),
-        Panel(frame.amplitude, "grey", f"{of}: amplitude, counts", 0.0, brightest, root=True),
-        Panel(depth, "viridis", f"fused depth, m, {size}", *_range(depth)),
+        _amplitude(frame, of),
+        Panel(
+            depth,
+            "viridis",
+            f"fused depth, m, {size}, filled {np.mean(result.reason == FILLED):.1%}",
+            *_range(depth),
+            marks=_marks(result.reason),
+            names=_names(result.reason),
+        ),
         *(_side(surface, yaw, pitch) for yaw, pitch in _VIEWS),
         _judged(result, truth),
     ]
+
+
+def _amplitude(frame: Frame, of: str) -> Panel:
+    if frame.amplitude is None:
+        nothing = np.full(frame.shape, np.nan)
+        return Panel(nothing, "grey", f"{of}: the camera gives no amplitude", 0.0, 1.0, scale=False)
+    brightest = max(1.0, float(frame.amplitude.max()))
+    return Panel(frame.amplitude, "grey", f"{of}: amplitude, counts", 0.0, brightest, root=True)
 
 
 def _side(surface: Surface, yaw: float, pitch: float) -> Panel:
@@ -67,6 +88,20 @@ def _judged(result: FusedMap, truth: NDArray[np.float32] | None) -> Panel:
     known = np.abs(error[np.isfinite(error)]) * 1000
     limit = max(1.0, float(np.percentile(known, 95))) if known.size else 1.0
     return Panel(error * 1000, "red-blue", "error, fused − true distance, mm", -limit, limit)
+
+
+def _marks(reason: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Which mark stands for each pixel that is unknown, from 1; 0 = known."""
+    numbers = np.zeros(max(_UNKNOWN) + 1, np.uint8)
+    for mark, value in enumerate(_UNKNOWN, 1):
+        numbers[value] = mark
+    return np.asarray(numbers[reason])
+
+
+def _names(reason: NDArray[np.uint8]) -> tuple[str, ...]:
+    """Why pixels are unknown, each with what part of the map it is."""
+    shares = {name: float(np.mean(reason == value)) for value, name in _UNKNOWN.items()}
+    return tuple(f"{name} {share:.1%}" if share else name for name, share in shares.items())
 
 
 def _range(image: NDArray[np.floating]) -> tuple[float, float]:

@@ -16,10 +16,11 @@ from service.messages.burst import Burst
 from service.messages.events import MapFused
 from service.messages.map import FusedMap
 from service.messages.quality import error_map, judge
-from service.sinks.canvas import _ticks
+from service.sinks.canvas import _ticks, draw
 from service.sinks.drawing import panels_of, title_of, write_preview
 from service.sinks.pictures import Pictures
 from service.sinks.shading import Surface
+from solver.reason import DARK, MEASURED
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +50,17 @@ def test_the_picture_has_six_panels_with_units(step: FusedMap) -> None:
     assert all(title.startswith("surface") or ", m" in title or ", counts" in title for title in titles)
     assert titles[-1] == "error, fused − true distance, mm"
     assert "RMS error" in title_of(step, TRUTH)
+
+
+def test_it_shows_why_depths_are_unknown(step: FusedMap) -> None:
+    assert set(np.unique(step.reason)) == {MEASURED, DARK}
+    depth = panels_of(step, TRUTH)[2]
+    assert depth.names == (f"dark {np.mean(step.reason == DARK):.1%}", "saturated", "contradicted", "outside")
+    assert depth.marks is not None
+    np.testing.assert_array_equal(depth.marks == 1, step.reason == DARK)
+    sheets = [np.asarray(draw([panel], "").convert("RGB")) for panel in (depth, replace(depth, marks=None))]
+    black = [(sheet == 0).all(axis=2).sum() for sheet in sheets]
+    assert black[0] > black[1] + 100  # black is no colour of a depth
 
 
 def test_without_a_truth_it_shows_the_deviation(step: FusedMap) -> None:
