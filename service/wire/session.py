@@ -13,6 +13,7 @@ import zenoh
 
 from service.errors import SessionError
 from service.wire.addresses import DEFAULT_ENDPOINT
+from service.wire.links import address_of
 from service.wire.sockets import holder
 from service.wire.zenoh_file import ZenohFile, brief
 
@@ -110,7 +111,7 @@ def _configuration(
             if not told.says(key):
                 told.config.insert_json5(key, value)
     except zenoh.ZError as error:
-        endpoints = ", ".join([*listen, *connect])
+        endpoints = ", ".join(map(address_of, [*listen, *connect]))
         raise SessionError(
             f"Zenoh refuses an endpoint of {endpoints}: {brief(str(error))}; expected for example "
             f"{DEFAULT_ENDPOINT}"
@@ -128,6 +129,6 @@ def _explain(error: str, config: zenoh.Config) -> str:
             f'(listen: {{ endpoints: ["tcp/127.0.0.1:7448"] }}) given as zenoh.config'
         )
     return (
-        f"cannot open the Zenoh session (listen {config.get_json('listen/endpoints')}, connect "
-        f"{config.get_json('connect/endpoints')}): {brief(error)}"
+        f"cannot open the Zenoh session (listen {brief(config.get_json('listen/endpoints'))}, connect "
+        f"{brief(config.get_json('connect/endpoints'))}): {brief(error)}"
     )
