@@ -12,6 +12,7 @@ from typing import Literal
 import zenoh
 
 from service.errors import SessionError
+from service.leaving import leave_behind
 from service.wire.addresses import DEFAULT_ENDPOINT
 from service.wire.links import address_of
 from service.wire.sockets import holder
@@ -88,9 +89,8 @@ def _close(session: zenoh.Session) -> None:
     closing.start()
     closing.join(_CLOSING)
     if closing.is_alive():
-        _log.warning(
-            "the Zenoh session did not close within %g s: a subscriber has stopped reading", _CLOSING
-        )
+        leave_behind(closing)
+        _log.warning("the Zenoh session did not close in %g s: a subscriber has stopped reading", _CLOSING)
 
 
 def _configuration(

@@ -21,11 +21,12 @@ FAST = """
 [camera]
 backend = "simulated"
 options = { scene = "plane" }
-settings = { integration_time = 0.005 }
+settings = { integration_time = 0.02 }
 [fusion]
 method = "nearest"
 register_poses = false
 frames = 3
+upsampling = 2
 [plan]
 span = 0
 """

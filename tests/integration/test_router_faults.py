@@ -9,8 +9,8 @@ from daemons import PREFIX, daemon, ear, free_port, router, wait_until
 
 pytestmark = pytest.mark.faults
 
-STOP, BACK = 9.0, 10.0
-"""Seconds, of which a machine that is not busy needs half."""
+GAP, STOP, BACK = 4.5, 9.0, 10.0
+"""Seconds, wide enough for a busy machine: a stuck link that others wait for costs 5, and at the end 10."""
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 
@@ -44,8 +44,8 @@ def test_a_router_may_come_late_be_killed_and_hang(tmp_path: Path) -> None:
             process.send_signal(signal.SIGSTOP)
             since = time.monotonic()
             wait_until(degraded, 20, "the router hangs")
-            assert near.longest_gap("camera/distance", since) < 2.0
-            assert near.longest_gap("status", since) < 3.0
+            assert near.longest_gap("camera/distance", since) < GAP
+            assert near.longest_gap("status", since) < GAP
             process.send_signal(signal.SIGCONT)
             assert far.hears("fused/depth", more=1) < BACK, "after the router went on"
             wait_until(lambda: not degraded(), BACK, "connected again")

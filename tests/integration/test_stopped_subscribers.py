@@ -9,8 +9,8 @@ from daemons import daemon, ear, reader
 
 pytestmark = pytest.mark.faults
 
-STOP = 9.0
-"""Seconds, of which a machine that is not busy needs half; it was 13 before."""
+GAP, STOP = 4.5, 9.0
+"""Seconds: a stuck link that others wait for costs 5, and at the end 10; without a load it is 0.3, and 2."""
 
 
 def test_a_stopped_subscriber_holds_up_neither_others_nor_the_end(tmp_path: Path) -> None:
@@ -21,9 +21,9 @@ def test_a_stopped_subscriber_holds_up_neither_others_nor_the_end(tmp_path: Path
         stopped.send_signal(signal.SIGSTOP)
         since = time.monotonic()
         time.sleep(15)  # past the 5 s after which Zenoh closes a link by itself, and the lease of 10 s
-        assert other.longest_gap("camera/distance", since) < 2.0
-        assert other.longest_gap("status", since) < 3.0
-        assert other.longest_gap("fused/report", since) < 3.0
+        assert other.longest_gap("camera/distance", since) < GAP
+        assert other.longest_gap("status", since) < GAP
+        assert other.longest_gap("fused/report", since) < GAP
         assert other.status["drops"]["published"] == 0
         stopped.send_signal(signal.SIGCONT)
         for _ in range(20):  # those that were under way, and fresh ones
