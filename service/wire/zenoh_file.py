@@ -12,8 +12,8 @@ from service.errors import SessionError
 _QUOTED_LINE = re.compile(r"\s*\d*\s*\|")
 _REMOVED = (
     (re.compile(r" at /\S+\.rs:\d+\.?"), ""),
-    (re.compile(r"\b(integer|string|floating point|boolean|character) ([`\"]).*?\2"), r"\1"),
-    (re.compile(r"(?<=\d)#[^\s\"',\]]*=[^\s\"',\]]+"), ""),
+    (re.compile(r"\b(integer|string|floating point|boolean|character) (\\?[`\"]).*?\2"), r"\1"),
+    (re.compile(r"#[^\s\"',\]]*=[^\s\"',\]]+"), ""),
 )
 
 
