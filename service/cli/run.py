@@ -1,13 +1,17 @@
 """`lidarboost run`: the service itself."""
 
 import logging
+import os
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
     from service.config.sections import Configuration
     from service.daemon.daemon import Daemon
     from service.fusion.local import LocalExecutor
@@ -62,6 +66,8 @@ def run(
 
     Without --once it is a daemon: it scans as configured, publishes
     what it fuses, survives lost devices, and ends cleanly on SIGTERM.
+    SIGHUP has it read CONFIG again; on a terminal, which has then been
+    closed, it ends.
 
     [bold]Examples[/bold]
 
@@ -90,13 +96,19 @@ def run(
     from service.fusion.local import LocalExecutor
     from service.signals import stopping
 
-    with stopping() as signals:
-        _check(replay, speed, loop, once)
-        configuration = with_consent(load(config), home)
+    def read() -> "Configuration":
+        found = with_consent(load(config), home)
         if replay is not None:
-            configuration = _playing(configuration, replay, speed or (None if once else 1.0), loop)
+            found = _playing(found, replay, speed or (None if once else 1.0), loop)
+        return found
+
+    with stopping(reloads=not once and not _has_terminal()) as signals:
+        _check(replay, speed, loop, once)
+        configuration = read()
         with LocalExecutor.configured(configuration) as executor:  # it starts while the rest is imported
-            summary = _served(configuration, executor, output, signals, home=home, once=once, quiet=as_json)
+            summary = _served(
+                configuration, executor, output, signals, read, home=home, once=once, quiet=as_json
+            )
     if summary is None:
         if once:
             raise typer.Abort
@@ -114,6 +126,7 @@ def _served(
     executor: "LocalExecutor",
     output: Path | None,
     signals: "Stopping",
+    read: "Callable[[], Configuration]",
     *,
     home: bool,
     once: bool,
@@ -125,6 +138,7 @@ def _served(
     from service.cli.operator import TerminalOperator
     from service.cli.progress import progress_sink
     from service.daemon.logs import log_to_stream
+    from service.daemon.reloading import Reloading
     from service.daemon.run import run_service
 
     log_to_stream(logging.WARNING if once or quiet else logging.INFO)
@@ -133,15 +147,38 @@ def _served(
 
     def started(daemon: "Daemon") -> None:
         signals.stops(daemon.stop.set)
+        signals.reloads(Reloading(daemon, read).begin)
 
     if signals.told:
         return None
     try:
         return run_service(
-            configuration, rig, output=output, once=once, sinks=sinks, executor=executor, started=started
+            configuration,
+            rig,
+            output=output,
+            once=once,
+            sinks=sinks,
+            executor=executor,
+            started=started,
+            abandoned=None if once else _leave,
         )
     except MotionStoppedError:  # while the stage was opened: there is nothing to sum up
         return None
+
+
+def _has_terminal() -> bool:
+    """Whether there is one whose end SIGHUP may tell of."""
+    return any(os.isatty(descriptor) for descriptor in range(3))
+
+
+def _leave(lost: "Sequence[str]") -> None:
+    """End the process though a device holds its owner."""
+    for loss in lost:
+        print("lost:", loss, file=sys.stderr)
+    with suppress(ValueError, OSError):
+        sys.stdout.flush()
+        sys.stderr.flush()
+    os._exit(3 if lost else 0)
 
 
 def _check(replay: Path | None, speed: float | None, loop: bool, once: bool) -> None:

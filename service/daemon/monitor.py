@@ -87,6 +87,8 @@ class Monitor:
             ),
             fusion=fusion,
             latency=ledger.latency,
+            temperature=self._rig.camera.temperature,
+            drift=daemon.supervision.drift,
             recorder=recorder.state if isinstance(recorder, Recorder) else None,
             sinks=sinks,
             commands=daemon.command_counts(),
