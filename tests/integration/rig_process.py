@@ -43,7 +43,7 @@ register_poses = false
 frames = 5
 [recording]
 enabled = true
-directory = "{folder}/recordings"
+directory = "{folder}/disk/recordings"
 [zenoh]
 config = "{folder}/zenoh.json5"
 """
@@ -71,7 +71,7 @@ class RigProcess:
         self.log, self.config = folder / "log.txt", folder / "rig.toml"
         (folder / "zenoh.json5").write_text(json.dumps({"listen": {"endpoints": [self.endpoint]}}))
         self.config.write_text(text.format(folder=folder, devices=devices, start=start))
-        program = _WITH_CAMERA if devices == PLUGGED else _SERVICE
+        program = _WITH_CAMERA if devices.startswith(PLUGGED) else _SERVICE
         with self.log.open("wb") as log:
             self.process = subprocess.Popen(
                 [sys.executable, *program, "run", str(self.config)],

@@ -48,7 +48,7 @@ def test_a_rig_is_run_from_idle_to_its_end(tmp_path: Path) -> None:
     said = rig.log.read_text()
     assert status == 0, said
     assert "cmd/fusion {'method': 'bicubic', 'action': 'set'} by somebody" in said
-    (path,) = (tmp_path / "recordings").glob("*.mcap")
+    (path,) = (tmp_path / "disk" / "recordings").glob("*.mcap")
     found = open_recording(path).contents.metadata
     records = [record.metadata for record in found if record.name == "command"]
     told = [(record["command"], json.loads(record["arguments"])["action"]) for record in records]
