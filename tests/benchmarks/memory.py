@@ -2,8 +2,8 @@
 
 `python tests/benchmarks/memory.py [--minutes 60]`
 
-Both of the service and of the process that fuses. The target is at most 2 % more memory and not one descriptor
-more; the exit status says whether it was met.
+Both of the service and of the process that fuses. The target is at most 2 % more memory and not one
+descriptor more; the exit status says whether it was met.
 """
 
 import argparse
@@ -76,9 +76,7 @@ def measured(rig: RigProcess, seconds: float) -> Use:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--minutes", type=float, default=60.0)
     seconds = 60 * parser.parse_args().minutes
     with tempfile.TemporaryDirectory() as name, rig_process(Path(name), SIMULATED, "scan", TEXT) as rig:

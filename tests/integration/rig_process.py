@@ -44,6 +44,8 @@ frames = 5
 [recording]
 enabled = true
 directory = "{folder}/disk/recordings"
+rotate_size = 8
+budget = 32
 [zenoh]
 config = "{folder}/zenoh.json5"
 """
