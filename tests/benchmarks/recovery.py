@@ -90,14 +90,6 @@ class Bench:
         time.sleep(3.0)
         return filler.unlink
 
-    def disk_read_only(self) -> Broken:
-        assert self.disk is not None
-        remount(self.disk, "ro")
-        self.rig.wait(lambda told: told["recorder"]["error"])
-        time.sleep(3.0)
-        disk = self.disk
-        return lambda: remount(disk, "rw")
-
     def folder_deleted(self) -> Broken:
         shutil.rmtree(self.rig.folder / "disk" / "recordings")
         return lambda: None
@@ -125,10 +117,6 @@ def well(told: dict[str, object]) -> bool:
     return told["state"] == "scanning" and not told["degraded"] and bool(recorder["recording"])  # type: ignore[index]
 
 
-def remount(folder: Path, how: str) -> None:
-    subprocess.run(["mount", "-o", f"remount,{how}", str(folder)], check=True, capture_output=True)
-
-
 @contextmanager
 def mounted(folder: Path) -> Iterator[Path | None]:
     """A file system of 64 MB, or None where none can be mounted."""
@@ -149,7 +137,6 @@ FAULTS = (
     "worker_killed",
     "worker_stopped",
     "disk_full",
-    "disk_read_only",
     "folder_deleted",
 )
 
