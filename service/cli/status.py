@@ -51,9 +51,11 @@ def _lines(told: "Status") -> Iterator[tuple[str, str]]:
         f"{told.fusion.backlog} waiting",
     )
     if told.totals.unconverged or told.fusion.restarts:
+        hung = f", {told.fusion.hung} times since it hung" if told.fusion.hung else ""
         yield (
             "",
-            f"{told.totals.unconverged} not converged; the fusion was restarted {told.fusion.restarts} times",
+            f"{told.totals.unconverged} not converged; the fusion was restarted {told.fusion.restarts} "
+            f"times{hung}",
         )
     used = told.in_force
     yield (

@@ -1,4 +1,4 @@
-"""A service that goes on through faults of devices, worker, disk and configuration, and beside another one."""
+"""A service that goes on through faults of devices, worker, disk, configuration, and beside another one."""
 
 import json
 import os
