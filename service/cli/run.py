@@ -3,11 +3,13 @@
 import logging
 import os
 import sys
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from service.cli.preset import PresetOption, configured
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -53,6 +55,7 @@ def run(
             rich_help_panel=_RUN,
         ),
     ] = False,
+    preset: PresetOption = None,
     output: Annotated[
         Path | None,
         typer.Option(help="Directory for fused.mcap and a picture of every burst.", rich_help_panel=_RUN),
@@ -91,24 +94,25 @@ def run(
     something not delivered; 130 one pass stopped before its first map.
     A daemon told to stop ends with 0, or with 3 where data was lost.
     """
-    from service.cli.operator import with_consent
-    from service.config.file import load
-    from service.fusion.local import LocalExecutor
+    from service.fusion.process import fusion_process
     from service.signals import stopping
 
     def read() -> "Configuration":
-        found = with_consent(load(config), home)
+        from service.cli.operator import with_consent
+
+        found = with_consent(configured(config, preset), home)
         if replay is not None:
             found = _playing(found, replay, speed or (None if once else 1.0), loop)
         return found
 
-    with stopping(reloads=not once and not _has_terminal()) as signals:
+    with stopping(reloads=not once and not _has_terminal()) as signals, ExitStack() as stack:
         _check(replay, speed, loop, once)
+        worker = stack.enter_context(fusion_process())  # it starts while the rest is imported
+        from service.fusion.local import LocalExecutor
+
         configuration = read()
-        with LocalExecutor.configured(configuration) as executor:  # it starts while the rest is imported
-            summary = _served(
-                configuration, executor, output, signals, read, home=home, once=once, quiet=as_json
-            )
+        executor = stack.enter_context(LocalExecutor.configured(configuration, worker))
+        summary = _served(configuration, executor, output, signals, read, home=home, once=once, quiet=as_json)
     if summary is None:
         if once:
             raise typer.Abort
@@ -141,7 +145,7 @@ def _served(
     from service.daemon.reloading import Reloading
     from service.daemon.run import run_service
 
-    log_to_stream(logging.WARNING if once or quiet else logging.INFO)
+    log_to_stream(logging.WARNING if once or quiet else logging.INFO, configuration.log.format)
     rig = make_rig(configuration, operator=TerminalOperator(home, sees_log=not (once or quiet)))
     sinks = {"progress": progress_sink()} if once and not quiet else {}
 

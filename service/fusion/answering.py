@@ -22,6 +22,7 @@ _BETWEEN_WORDS = 0.2
 
 def answering() -> Callable[[Job | WarmUp], Answer]:
     """What answers each request in turn; it remembers the stream at work."""
+    _forgo_blas()
     streams: dict[int, Stream] = {}
 
     def answer(request: Job | WarmUp) -> Answer:
@@ -37,6 +38,19 @@ def answering() -> Callable[[Job | WarmUp], Answer]:
             return Failure(f"internal error, {type(error).__name__}: {error}")
 
     return answer
+
+
+def _forgo_blas() -> None:
+    """Spare Numba a third of a second, in which it would import SciPy for products of matrices in kernels.
+
+    No kernel has one; where one did, compiling it would fail here.
+    """
+    from numba.np import linalg
+
+    def absent() -> None:
+        raise ImportError("not used here")
+
+    linalg.ensure_blas = absent
 
 
 def _iterations_told() -> Progress:

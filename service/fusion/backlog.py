@@ -20,7 +20,7 @@ class Backlog:
 
     Args:
         executor: does them.
-        on_fused: called with every map, in a thread of the executor's.
+        on_fused: called with every job that was done and its map, in a thread of the executor's.
         on_failed: called there with a job that could not be done, and why.
         on_iterating: called there now and then with a job at work, and how far the solver is.
         lossless: wait for room instead of dropping.
@@ -29,7 +29,7 @@ class Backlog:
     def __init__(
         self,
         executor: Executor,
-        on_fused: Callable[[FusedMap], None],
+        on_fused: Callable[[Job, FusedMap], None],
         on_failed: Callable[[Job, Exception], None],
         on_iterating: Callable[[Job, Iterating], None] = lambda *_: None,
         *,
@@ -120,7 +120,7 @@ class Backlog:
             done(error)
         else:
             self.fused += 1
-            self._on_fused(result)
+            self._on_fused(job, result)
             done(result)
 
 

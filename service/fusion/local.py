@@ -13,6 +13,7 @@ from service.config.sections import Configuration, FusionSection
 from service.errors import HungError, WorkerError
 from service.fusion.deadline import Deadline
 from service.fusion.job import Answer, Compiling, Failure, Iterating, Job, Ready, WarmUp
+from service.fusion.process import fusion_process
 from service.messages.map import FusedMap
 from service.messages.status import FusionState
 from service.processes.worker import Worker
@@ -41,13 +42,15 @@ class LocalExecutor:
     Args:
         settings: what to be ready for; `timeout` bounds each job.
         window: of the stream to be ready for; None = bursts only.
+        worker: the process, which may have been started already.
     """
 
-    def __init__(self, settings: FusionSection, window: int | None = None) -> None:
+    def __init__(
+        self, settings: FusionSection, window: int | None = None, worker: Worker | None = None
+    ) -> None:
         self._settings, self._window = settings, window
-        self._worker = Worker(
-            "fusion process", "service.fusion.answering:answering", cancelled=lambda: self._closing
-        )
+        self._worker = fusion_process() if worker is None else worker
+        self._worker.cancelled = lambda: self._closing
         self._deadline = Deadline()
         self._jobs: deque[tuple[Job, Future[FusedMap], Listener]] = deque()
         self._changed = Condition()
@@ -63,10 +66,10 @@ class LocalExecutor:
         self._thread.start()
 
     @classmethod
-    def configured(cls, configuration: Configuration) -> Self:
+    def configured(cls, configuration: Configuration, worker: Worker | None = None) -> Self:
         """One that is ready for what the service does first."""
         window = configuration.stream.window if configuration.start == "stream" else None
-        return cls(configuration.fusion, window)
+        return cls(configuration.fusion, window, worker)
 
     def __enter__(self) -> Self:
         return self
@@ -171,7 +174,8 @@ class LocalExecutor:
         """Start the process and have it ready; raises `WorkerError` where that cannot be done."""
         for attempt in range(1, _STARTS + 1):
             try:
-                self._worker.start()
+                if not self._worker.is_fresh:
+                    self._worker.start()
                 request = WarmUp(self._settings, self._window)
                 answer: Answer = self._worker.ask(request, _START_TIMEOUT, self._compiling)
             except WorkerError as error:

@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from threading import Lock
-from typing import Any
+from typing import Any, Self
 
 from service.errors import HungError, WorkerError
 from service.processes.channel import Channel
@@ -52,12 +52,13 @@ class Worker:
         threads: int | None = None,
         cancelled: Callable[[], bool] = lambda: False,
     ) -> None:
-        self._name, self._work, self._niceness, self._cancelled = name, work, niceness, cancelled
+        self._name, self._work, self._niceness, self.cancelled = name, work, niceness, cancelled
         self._environment = dict(os.environ)
         if threads is not None:
             self._environment |= dict.fromkeys(_THREADS, str(threads))
         self._process: subprocess.Popen[bytes] | None = None
         self._channel: Channel | None = None
+        self._asked = False
         self._killing = Lock()
 
     @property
@@ -65,9 +66,15 @@ class Worker:
         """Its process id; None where there is none."""
         return None if self._process is None else self._process.pid
 
+    @property
+    def is_fresh(self) -> bool:
+        """Whether it was started and nothing was asked of it yet."""
+        return self._process is not None and not self._asked
+
     def start(self) -> None:
         """Start a new process in place of the former one."""
         self.kill()
+        self._asked = False
         ours, theirs = Channel.pair()
         code = _START.format(path=sys.path, fd=theirs.fileno(), work=self._work, nice=self._niceness)
         # A group of its own: signals to a process group (Ctrl-C, `timeout`) are the parent's alone to answer.
@@ -105,10 +112,11 @@ class Worker:
         channel = self._channel
         if channel is None:
             raise WorkerError(f"the {self._name} is closed")
+        self._asked = True
         try:
             channel.send(request)
             end = time.monotonic() + timeout
-            while isinstance(said := channel.receive(end - time.monotonic(), self._cancelled), Interim):
+            while isinstance(said := channel.receive(end - time.monotonic(), self.cancelled), Interim):
                 interim(said.value)
                 end = time.monotonic() + timeout if renewed else end
             return said
@@ -116,6 +124,13 @@ class Worker:
             raise HungError(f"the {self._name} gave no answer within {timeout:g} s") from error
         except (EOFError, WorkerError) as error:
             raise WorkerError(f"the {self._name} died ({self._ending()})") from error
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.kill()
 
     def kill(self) -> None:
         """End the process at once; safe where there is none."""

@@ -33,7 +33,7 @@ options = {{ port = "{port}" }}
 
 def maps_come(rig: RigProcess, seconds: float = 60.0) -> dict[str, Any]:
     """The status, once two more maps have come and all is well."""
-    before = rig.status["totals"]["fused"]
+    before = rig.wait(lambda _: True, seconds)["totals"]["fused"]
     return rig.wait(
         lambda told: (
             told["totals"]["fused"] >= before + 2 and told["state"] == "scanning" and not told["degraded"]
