@@ -98,7 +98,7 @@ def run_service(
         def hand_over() -> None:
             assert abandoned is not None
             _log.error("a device does not let go: the service ends without it")
-            bus.close(_HANDOVER_ABANDONED)
+            bus.close(_HANDOVER_ABANDONED, hurry=True)
             executor.close()
             abandoned(_lost(daemon, bus))
 

@@ -65,4 +65,4 @@ def _turns(frames: Sequence[Frame], calibration: Calibration, axis: str) -> NDAr
     first = frames[0]
     angles = [(f.pan, first.tilt) if axis == "pan" else (first.pan, f.tilt) for f in frames]
     turns = relative_rotations(angles, calibration.mount)[:, :2]
-    return turns - turns.mean(0)
+    return np.asarray(turns - turns.mean(0))

@@ -34,6 +34,7 @@ def test_the_unit_says_what_the_service_keeps() -> None:
     assert found["Type"] == ["notify"]
     assert found["RestartPreventExitStatus"] == ["2"]
     assert found["SuccessExitStatus"] == ["3"]
+    assert found["ExecReload"] == ["/bin/kill -HUP $MAINPID"]
     bounds = CameraSection.model_fields["timeout"].metadata
     longest = next(bound.le for bound in bounds if hasattr(bound, "le"))
     assert int(found["WatchdogSec"][0]) > longest, "a camera that is silent gets the service killed"
