@@ -21,6 +21,9 @@ _OUTSIDE = 3.0
 _LOOSE = 5.0
 """Times the maps' own deviation that half of them may differ by: beyond, what is seen is something else."""
 
+_ROUNDS = 4
+"""What has moved to one side shifts the median until it is left out."""
+
 _ANEW = 5
 """Maps in a row of something else after which what is in view then is compared with."""
 
@@ -82,16 +85,18 @@ def _compared(reference: _Reference, seen: _Reference) -> Drift | None:
     change, deviation = change[known], deviation[known]
     if len(change) < _FEWEST:
         return None
-    drift = float(np.median(change))
-    off = np.abs(change - drift)
-    spread = 1.4826 * float(np.median(off))
-    # Edges come out differently from map to map, beyond what the map itself knows of.
-    static = float((off <= _OUTSIDE * np.maximum(deviation, spread)).mean())
-    if static < _STATIC or spread > _LOOSE * float(np.median(deviation)):
-        return None
+    still = np.ones(len(change), dtype=bool)
+    for _ in range(_ROUNDS):
+        drift = float(np.median(change[still]))
+        off = np.abs(change - drift)
+        spread = 1.4826 * float(np.median(off[still]))
+        # Edges come out differently from map to map, beyond what the map itself knows of.
+        still = off <= _OUTSIDE * np.maximum(deviation, spread)
+        if still.mean() < _STATIC or spread > _LOOSE * float(np.median(deviation)):
+            return None
     return Drift(
         distance=drift,
-        deviation=1.2533 * spread / float(np.sqrt(len(change))),
-        static=static,
+        deviation=1.2533 * spread / float(np.sqrt(still.sum())),
+        static=float(still.mean()),
         seconds=(seen.timestamp - reference.timestamp) * 1e-9,
     )

@@ -63,19 +63,19 @@ def words(report: BurstReport) -> list[str]:
     return [fault.what for fault in states.degraded]
 
 
-@pytest.mark.parametrize("span", [1.0, 8.0])
 @pytest.mark.parametrize(
-    ("gains", "said"),
+    ("span", "gains", "said"),
     [
-        ((1.0, 1.0), []),
-        ((0.0, 0.0), ["pan, but the images show no motion", "tilt, but the images show no motion"]),
-        ((0.0, 1.0), ["pan, but the images show no motion"]),
-        ((1.0, -1.0), ["tilt, but the images show that it turns the wrong way"]),
-        ((2.0, 2.0), ["pan, but the images show 2.0 times", "tilt, but the images show 2.0 times"]),
+        (1.0, (1.0, 1.0), []),
+        (8.0, (1.0, 1.0), []),
+        (8.0, (0.0, 0.0), ["pan, but the images show no motion", "tilt, but the images show no motion"]),
+        (1.0, (0.0, 1.0), ["pan, but the images show no motion"]),
+        (8.0, (1.0, -1.0), ["tilt, but the images show that it turns the wrong way"]),
+        (2.0, (2.0, 2.0), ["pan, but the images show 2.0 times", "tilt, but the images show 2.0 times"]),
     ],
 )
 def test_a_scene_with_texture_shows_how_far_the_stage_turned(
-    gains: tuple[float, float], said: list[str], span: float
+    span: float, gains: tuple[float, float], said: list[str]
 ) -> None:
     report = report_of("wedges", gains, span)
     assert report.motion is not None
