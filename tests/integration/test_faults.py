@@ -114,10 +114,12 @@ def test_two_services_share_a_recording_folder(tmp_path: Path) -> None:
         for rig in (one, two):
             maps_come(rig, 120)
         assert [rig.end()[0] for rig in (one, two)] == [0, 0]
+        for rig in (one, two):
+            assert "resumed" not in rig.log.read_text(), "it took up what the other one had begun"
     files = list((tmp_path / "recordings").iterdir())
     assert {path.suffix for path in files} == {".mcap"}
-    assert len(files) == 2
-    assert [Recording(path).damage for path in files] == [None, None]
+    assert len(files) >= 2
+    assert {Recording(path).damage for path in files} == {None}
 
 
 def test_a_second_service_on_the_same_stage_ends_with_one_line(tmp_path: Path) -> None:
