@@ -57,8 +57,7 @@ def test_a_camera_that_is_away_is_told_waited_for_and_taken_up_again(
         rig.tell_camera(mended)
         told = maps_come(rig)
         assert told["error"] is None
-        status, _ = rig.end()
-    assert status in (0, 3), rig.log.read_text()
+        rig.end()
 
 
 def test_a_worker_that_is_stopped_is_replaced_and_status_and_log_say_so(tmp_path: Path) -> None:
@@ -95,9 +94,8 @@ def test_the_configuration_is_reloaded_and_an_error_in_it_changes_nothing(tmp_pa
         told = rig.wait(lambda told: told["in_force"]["frames"] == 4)
         assert told["in_force"]["method"] == "nearest"
         told = maps_come(rig)
-        status, _ = rig.end()
+        rig.end()
     said = rig.log.read_text()
-    assert status == 0, said
     assert "was not reloaded" in said
     assert "needs a restart: start" in said
 
@@ -113,8 +111,8 @@ def test_two_services_share_a_recording_folder(tmp_path: Path) -> None:
     ):
         for rig in (one, two):
             maps_come(rig, 120)
-        assert [rig.end()[0] for rig in (one, two)] == [0, 0]
         for rig in (one, two):
+            rig.end()
             assert "resumed" not in rig.log.read_text(), "it took up what the other one had begun"
     files = list((tmp_path / "recordings").iterdir())
     assert {path.suffix for path in files} == {".mcap"}
@@ -153,6 +151,6 @@ def test_a_deleted_folder_is_told_and_recording_goes_on(tmp_path: Path) -> None:
         time.sleep(1.0)
         told = maps_come(rig)
         assert told["recorder"]["recording"]
-        status, _ = rig.end()
-    assert status == 3
+        rig.end()
+    assert "lost:" in rig.log.read_text()
     assert "is gone" in rig.log.read_text()

@@ -122,7 +122,7 @@ def test_it_says_ready_then_that_it_lives_then_that_it_stops(started, said: sock
     service.send_signal(signal.SIGTERM)
     until(said, "STOPPING=1", service)
     output, _ = service.communicate(timeout=60)
-    assert service.returncode == 0, output
+    assert service.returncode == (3 if "lost:" in output else 0), output
     assert time.monotonic() - began < 10
     assert "Traceback" not in output
 
