@@ -26,6 +26,7 @@ from service.daemon.monitor import Monitor
 from service.daemon.origin import Origin
 from service.daemon.playing import Playing
 from service.daemon.states import States
+from service.daemon.supervision import Supervision
 from service.daemon.systemd import READY, STOPPING, notify
 from service.errors import InvalidStateError, IoFailureError, MotionError
 from service.fusion.local import LocalExecutor
@@ -34,7 +35,7 @@ from service.messages.replay import ReplayState
 from service.messages.status import CommandCounts
 from service.sinks.bus import Bus
 
-_LAST_JOBS = 2.0
+_LAST_JOBS = 1.5
 """Seconds that the jobs in work get when the service is told to stop: it shall end within five."""
 
 _log = logging.getLogger(__name__)
@@ -76,6 +77,7 @@ class Daemon:
         self.fusing = Fusing(executor, self.emit, lossless=once)
         self.origin = Origin(lambda: self.configuration, self.fusing, self.emit)
         self._advance = Advance(lambda: self.origin.planned, lambda: self.fusing.backlog.unfinished)
+        self.supervision = Supervision(self.states, self._is_live)
         self.mode: Mode | None = None
         self.lookouts: list[Callable[[], None]] = []
         self.command_counts: Callable[[], CommandCounts] = CommandCounts
@@ -103,6 +105,9 @@ class Daemon:
             return self.configuration.fusion.frames
         return None if self.recording is None else self.recording.planned
 
+    def _is_live(self) -> bool:
+        return self.camera is not None and self.camera.source != "replay"
+
     @property
     def ending(self) -> bool:
         """Whether the mode at work shall end, between two bursts or frames."""
@@ -111,6 +116,7 @@ class Daemon:
     def emit(self, event: Event) -> None:
         """Note an event and hand it to the sinks."""
         self.ledger.note(event)
+        self.supervision.note(event)
         self.bus.emit(event)
         if (progress := self._advance.after(event)) is not None:
             self.bus.emit(ScanProgressed(progress))
