@@ -53,7 +53,7 @@ class ZenohCamera(Camera):
         except BaseException:
             self._close()
             raise
-        self._first = first
+        self._first, self._has_begun = first, False
         self._shape, self._heard = first.shape, time.monotonic()
         self._settings = recorded_settings(first)
 
@@ -65,12 +65,12 @@ class ZenohCamera(Camera):
         pass
 
     def _stop(self) -> None:
-        self._first = None
+        self._first, self._has_begun = None, False
         self._box.forget_images()
 
     def _grab(self, timeout: float) -> Frame:
-        if self._first is not None:
-            first, self._first = self._first, None
+        first, self._first = self._first, None
+        if first is not None and not self._box.has_dropped and self._begins(first):
             return first
         frame = self._next(timeout)
         if frame is None:
@@ -96,9 +96,14 @@ class ZenohCamera(Camera):
             except RecordingError as error:
                 self._refuse(error)
                 continue
-            if frame is not None:
+            if frame is not None and (not self._is_started or self._begins(frame)):
                 return frame
         return None
+
+    def _begins(self, frame: Frame) -> bool:
+        """Whether a frame may be given: the first one must begin a burst."""
+        self._has_begun = self._has_begun or frame.pose in (None, 0)
+        return self._has_begun
 
     def _refuse(self, error: RecordingError) -> None:
         self._refused += 1

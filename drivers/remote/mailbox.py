@@ -25,13 +25,18 @@ class Letter(NamedTuple):
 
 
 class Mailbox:
-    """Bounded; the oldest image goes when it is full. Optics are few and are never dropped."""
+    """Bounded; the oldest image goes when it is full. Optics are few and are never dropped.
+
+    Attributes:
+        has_dropped: whether images had to go since it was made or cleared.
+    """
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
         self._changed = Condition()
         self._letters: deque[Letter] = deque()
         self._numbers: Counter[str] = Counter()
+        self.has_dropped = False
 
     def put(self, role: str, sample: zenoh.Sample) -> None:
         """Take a message."""
@@ -57,11 +62,13 @@ class Mailbox:
         """Throw away what waits, but for optics."""
         with self._changed:
             self._letters = deque(letter for letter in self._letters if letter.role == OPTICS)
+            self.has_dropped = False
 
     def _drop(self) -> None:
         for place, letter in enumerate(self._letters):
             if letter.role != OPTICS:
                 del self._letters[place]
+                self.has_dropped = True
                 return
 
 

@@ -45,14 +45,14 @@ class Source:
     def is_heard(self, *keys):
         return all(self.publisher(key).matching_status.matching for key in keys)
 
-    def repeat(self, publish, *keys):
+    def repeat(self, publish, *keys, period=PERIOD):
         """Call `publish` with 0, 1, 2, … while somebody listens on all keys."""
 
         self._stop.clear()
 
         def run():
             number = 0
-            while not self._stop.wait(PERIOD):
+            while not self._stop.wait(period):
                 if self.is_heard(*keys):
                     publish(number)
                     number += 1
@@ -94,7 +94,8 @@ def rig_frames(source, prefix="far/rig"):
     source.put_message(prefix, calibration_message(sr3000_calibration(), 1), latched=True)
 
     def publish(number):
-        for message in frame_messages(make_frame(number, burst=0, pose=number), Mount()):
+        burst, pose = divmod(number, 5)
+        for message in frame_messages(make_frame(number, burst=burst, pose=pose), Mount()):
             source.put_message(prefix, message)
 
     source.repeat(publish, *(f"{prefix}/camera/{name}" for name in ("distance", "amplitude", "frame")))

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from drivers.calibration import Calibration, Corrections, CyclicTerm, Mount
 from drivers.errors import RecordingError
 from drivers.recording import RecordingWriter, open_recording
-from service.calibration.noise import fit_noise
+from service.calibration.noise import calibrate_noise
 from service.calibration.still import reduce_still
 from service.cli import app
 from service.config.sections import FusionSection
@@ -55,7 +55,7 @@ def test_the_method_follows_from_what_the_camera_gives(changes, method):
     result = fuse_burst(burst_of(depth_frames(**changes)), FusionSection(upsampling=2, register_poses=False))
     assert result.report.method == method
     assert np.isfinite(result.depth).mean() > 0.9
-    assert (result.amplitude is not None) == ("amplitude" in changes)
+    assert (result.amplitude is not None) == (method == "phasor")
 
 
 def test_maps_messages_and_pictures_are_made_without_amplitude(tmp_path):
@@ -121,7 +121,7 @@ def test_noise_cannot_be_calibrated_without_amplitude():
     assert still.amplitude is None
     np.testing.assert_allclose(still.distance, depth_frames(1)[0].distance, atol=1e-6)
     with pytest.raises(CalibrationError, match="gives no amplitude"):
-        fit_noise([[depth_frames(1)[0]] * 2])
+        calibrate_noise([[depth_frames(1)[0]] * 2])
 
 
 def test_arrays_and_points_of_a_recording(tmp_path):
