@@ -27,6 +27,8 @@ from drivers.calibration import Calibration, Mount
 from drivers.errors import RecordingError
 from drivers.frame import AmplitudeMode, Frame
 from drivers.poses import camera_centre, camera_rotation
+from drivers.rotations import quaternion
+from drivers.text import json_of
 
 CAMERA_DISTANCE = "camera/distance"
 CAMERA_AMPLITUDE = "camera/amplitude"
@@ -199,7 +201,7 @@ def protobuf_message(topic: str, message: Protobuf, timestamp: int, sequence: in
 
 def json_message(topic: str, model: BaseModel, timestamp: int, sequence: int = 0) -> Message:
     """A pydantic model as JSON with its JSON schema."""
-    return Message(topic, json_schema(type(model)), model.model_dump_json().encode(), timestamp, sequence)
+    return Message(topic, json_schema(type(model)), json_of(model), timestamp, sequence)
 
 
 def protobuf_time(timestamp: int) -> Timestamp:
@@ -278,7 +280,5 @@ def _transform_message(frame: Frame, mount: Mount) -> Message:
 
 @lru_cache(maxsize=256)  # a plan comes back to its poses, and working one out costs as much as all else
 def _camera_in_rig(pan: float, tilt: float, mount: Mount) -> tuple[list[float], list[float]]:
-    from scipy.spatial.transform import Rotation
-
-    turn = Rotation.from_matrix(RIG_FROM_STAGE @ camera_rotation(pan, tilt, mount))
-    return (RIG_FROM_STAGE @ camera_centre(pan, tilt, mount)).tolist(), turn.as_quat().tolist()
+    turn = quaternion(RIG_FROM_STAGE @ camera_rotation(pan, tilt, mount))
+    return (RIG_FROM_STAGE @ camera_centre(pan, tilt, mount)).tolist(), turn.tolist()

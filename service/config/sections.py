@@ -8,6 +8,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from drivers.settings import CameraSettings
 from solver.options import FusionOptions, Method
 
+Preset = Literal["fine", "fast", "far", "dark"]
+"""Names of the presets; `service.config.presets` has what they set."""
+
 
 class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -22,7 +25,7 @@ class CameraSection(_Section):
     recording: Path | None = Field(None, description="What `auto` plays where there is no real camera.")
     options: dict[str, Any] = Field({}, description="Options of the backend itself; it checks them.")
     settings: CameraSettings | None = Field(
-        None, description="Settings to put in force; none = as the camera has them."
+        None, description="Settings to put in force; those not named stay as the camera has them."
     )
     calibration: Path | None = Field(
         None, description="TOML file that replaces the calibration the camera brings along."
@@ -125,6 +128,13 @@ class ZenohSection(_Section):
     config: Path | None = Field(
         None, description="Zenoh's own JSON5 file; none = a peer that listens on tcp/127.0.0.1:7447."
     )
+    raw_rate: float | None = Field(
+        None,
+        gt=0,
+        le=1000,
+        description="Raw frames published per second at most, for thin links; none = all. Recordings and "
+        "fusion have all in any case.",
+    )
 
 
 class RecordingSection(_Section):
@@ -165,6 +175,21 @@ class OutputSection(_Section):
     )
 
 
+class MetricsSection(_Section):
+    """Metrics, and whether the service is alive and ready, by HTTP on this machine alone."""
+
+    enabled: bool = Field(
+        False, description="Serve /metrics (Prometheus), /healthz and /readyz; needs lidarboost[metrics]."
+    )
+    port: int = Field(9464, ge=0, le=65535, description="TCP port on 127.0.0.1; 0 = any that is free.")
+
+
+class LogSection(_Section):
+    """How the service says what happens, on standard output."""
+
+    format: Literal["text", "json"] = Field("text", description="Lines to read, or a JSON object a line.")
+
+
 class SinkSection(_Section):
     """One more that takes the events of the service."""
 
@@ -179,6 +204,10 @@ class Configuration(_Section):
     """Everything that can be set, by one TOML file, then the environment, then flags."""
 
     start: Literal["idle", "scan", "stream"] = Field("scan", description="What the service does first.")
+    preset: Preset | None = Field(
+        None,
+        description="Settings for a purpose, under all that is set explicitly: lidarboost config presets.",
+    )
     camera: CameraSection = CameraSection()
     stage: StageSection = StageSection()
     plan: PlanSection = PlanSection()
@@ -187,4 +216,6 @@ class Configuration(_Section):
     zenoh: ZenohSection = ZenohSection()
     recording: RecordingSection = RecordingSection()
     output: OutputSection = OutputSection()
+    metrics: MetricsSection = MetricsSection()
+    log: LogSection = LogSection()
     sinks: dict[str, SinkSection] = Field({}, description="Further sinks, by the name of each.")

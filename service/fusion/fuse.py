@@ -125,7 +125,15 @@ def map_of(
         notes=notes,
     )
     return FusedMap(
-        reference, calibration, fused.distance, depth, fused.deviation, fused.amplitude, intrinsics, report
+        frame=reference,
+        calibration=calibration,
+        distance=fused.distance,
+        depth=depth,
+        deviation=fused.deviation,
+        amplitude=fused.amplitude,
+        reason=fused.reason,
+        intrinsics=intrinsics,
+        report=report,
     )
 
 

@@ -12,7 +12,13 @@ from drivers.messages import decode_calibration, decode_image
 from drivers.recording import Recording, open_recording
 from service.files import whole_file
 from service.jobs.ply import write_ply
-from service.messages.topics import FUSED_AMPLITUDE, FUSED_CALIBRATION, FUSED_DEPTH, FUSED_DEVIATION
+from service.messages.topics import (
+    FUSED_AMPLITUDE,
+    FUSED_CALIBRATION,
+    FUSED_DEPTH,
+    FUSED_DEVIATION,
+    FUSED_REASON,
+)
 from solver.geometry import distance_from_depth, points_from_distance
 
 Arrays = dict[str, NDArray[Any]]
@@ -29,7 +35,12 @@ _NUMBERS = (
     "metres_per_count",
 )
 
-_MAP_TOPICS = {FUSED_DEPTH: "depth", FUSED_DEVIATION: "deviation", FUSED_AMPLITUDE: "amplitude"}
+_MAP_TOPICS = {
+    FUSED_DEPTH: "depth",
+    FUSED_DEVIATION: "deviation",
+    FUSED_AMPLITUDE: "amplitude",
+    FUSED_REASON: "reason",
+}
 
 
 def frame_arrays(recording: Recording) -> Arrays:
@@ -68,7 +79,8 @@ def fused_maps(recording: Recording) -> list[Arrays]:
     """Every fused map.
 
     Returns:
-        for each, depth and, where they were recorded, deviation (metres) and amplitude, (βH, βW) float32;
+        for each, depth and, where they were recorded, deviation (metres) and amplitude, (βH, βW) float32,
+        and reason, uint8 (0 measured, 1 filled; unknown: 2 dark, 3 saturated, 4 contradicted, 5 outside);
         timestamp (ns, of the reference frame); intrinsics (3, 3) and distortion where there is a calibration.
     """
     found: dict[tuple[int, int], Arrays] = {}
@@ -98,8 +110,8 @@ def export_arrays(recording: Recording, path: Path) -> str:
 
     Frames as `frame_arrays` has them, with `intrinsics` and `distortion` where there is a calibration, or
     `burst_intrinsics` (B, 3, 3) and `burst_distortion` (B, 14) where bursts have different ones; fused maps
-    of one size stacked as `fused_depth`, `fused_deviation`, `fused_amplitude`, `fused_timestamp`, with
-    `fused_intrinsics` and `fused_distortion` of the first.
+    of one size stacked as `fused_depth`, `fused_deviation`, `fused_amplitude`, `fused_reason` and
+    `fused_timestamp`, with `fused_intrinsics` and `fused_distortion` of the first.
 
     Raises:
         RecordingError: there are neither frames nor maps, or either come in several sizes.
@@ -126,8 +138,8 @@ def clouds(recording: Recording) -> Iterator[NDArray[Any]]:
     """Points of each fused map, or of each frame where there is no map.
 
     Yields:
-        (M,) structured float32: x, y, z (metres; right, down, forward), amplitude, and of maps the deviation;
-        points that are not known are left out.
+        (M,) structured float32: x, y, z (metres; right, down, forward), amplitude, and of maps deviation and
+        reason; points that are not known are left out.
 
     Raises:
         RecordingError: there is no calibration, or nothing to make points of.
@@ -158,7 +170,7 @@ def _map_points(found: Arrays, recording: Recording) -> NDArray[Any]:
     lens = found["distortion"] if found["distortion"].any() else None
     distance = distance_from_depth(found["depth"], found["intrinsics"], lens)
     xyz = points_from_distance(distance, found["intrinsics"], lens)
-    return _points(xyz, {name: found[name] for name in ("amplitude", "deviation") if name in found})
+    return _points(xyz, {name: found[name] for name in ("amplitude", "deviation", "reason") if name in found})
 
 
 def _points(xyz: NDArray[np.float32], more: Arrays) -> NDArray[Any]:

@@ -86,7 +86,7 @@ def record_simulation(
     upsampling = configuration.fusion.upsampling
     with stage, camera:
         if configuration.camera.settings is not None:
-            camera.settings = configuration.camera.settings
+            camera.settings = configuration.camera.settings.over(camera.settings)
         calibration = camera.calibration
         plan = make_plan(
             configuration.plan,

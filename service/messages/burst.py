@@ -19,7 +19,8 @@ class Burst:
         frames: at least one, all of the calibration's shape.
         calibration: of the camera that took them.
         expected: how many frames the plan has; more than `len(frames)` where some are missing.
-        completed: when the last frame had come, `time.monotonic()` of this process.
+        completed: when the last exposure had ended or, where that is not known, the last frame had come;
+            `time.monotonic()` of this process.
 
     Raises:
         RecordingError: no frame, frames of another shape than the calibration's, of different ranges, or of
