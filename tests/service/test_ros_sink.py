@@ -1,6 +1,7 @@
 """What ROS 2 nodes receive of the service, by a client that is not ours (`pyzeros`)."""
 
 import asyncio
+import struct
 import time
 
 import cv2
@@ -13,7 +14,7 @@ from drivers.messages import RIG_FROM_STAGE
 from service.messages.encoding import fused_points
 from service.messages.ros.topics import ROS_TOPICS
 from service.messages.ros.types import RosTypes
-from service.wire.ros.names import dds_type, gid
+from service.wire.ros.names import dds_type
 from solver.geometry import depth_from_distance
 
 pyzeros = pytest.importorskip("pyzeros", reason="needs pyzeros")
@@ -111,17 +112,17 @@ def test_hashes_are_those_of_the_official_packages():
 
 
 def test_messages_carry_number_time_and_the_publishers_id(received):
-    from pyzeros.builtin_msgs import Attachment
+    from pyzeros.utils import rmw_zenoh_gid
 
     samples, _, tokens = received
     for name, topic in ABSOLUTE.items():
         (token,) = [t for t in tokens if f"/{name.replace('/', '%')}/{dds_type(topic.kind)}/" in t]
         numbers = []
         for sample in samples[name]:
-            told = Attachment.deserialize(b"\0\1\0\0" + sample.attachment.to_bytes())
-            numbers.append(int(told.sequence_number))
-            assert bytes(np.asarray(told.source_gid)) == gid(token)
-            assert abs(int(told.source_timestamp) - time.time_ns()) < 300e9
+            number, at, size, who = struct.unpack("<qqB16s", sample.attachment.to_bytes())
+            numbers.append(number)
+            assert (size, who) == (16, rmw_zenoh_gid(token))
+            assert abs(at - time.time_ns()) < 300e9
             assert str(sample.encoding) == "application/cdr"
         assert numbers == sorted(numbers)
 
@@ -144,6 +145,7 @@ def test_tokens_are_those_that_pyzeros_would_make(received):
             qos_profile=QosProfile(reliability="reliable", **{"history": "keep_last", "depth": 10} | qos),
             node_name="lidarboost",
             namespace="/lidarboost",
+            session=object(),  # not asked, for all ids are given
             domain_id=0,
             _zenoh_id=parts[2],
             _node_id=0,
@@ -251,6 +253,7 @@ def test_diagnostics_tell_the_state(received):
     assert {value.key: value.value for value in status.values}["state"] == "scanning"
 
 
+@pytest.mark.slow
 def test_bytes_are_read_by_another_implementation_of_cdr(received):
     from ros2_pyterfaces.cydr.all_msgs import CameraInfo, DiagnosticArray, Image, PointCloud2
 
@@ -265,7 +268,6 @@ def test_bytes_are_read_by_another_implementation_of_cdr(received):
         kind = kinds.get(topic.kind.rpartition("/")[2])
         if kind is None:
             continue
-        assert kind.hash_rihs01() == f"RIHS01_{HASHES[topic.kind]}"
         message = kind.deserialize(samples[name][-1].payload.to_bytes())
         if kind is Image:
             theirs = np.asarray(message.data).view(np.uint8)

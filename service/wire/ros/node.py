@@ -70,9 +70,9 @@ class RosNode:
         for publisher in self._publishers.values():
             with suppress(zenoh.ZError):
                 publisher.token.undeclare()
-                publisher.declared.undeclare()  # type: ignore[no-untyped-call]
+                publisher.declared.undeclare()
         with suppress(zenoh.ZError):
-            self._token.undeclare()
+            self._token.undeclare()  # type: ignore[no-untyped-call]
 
     def _declare(self, number: int, topic: RosTopic) -> _Publisher:
         name, type_hash = topic.full(self._namespace), self._types.hash(topic.kind)
