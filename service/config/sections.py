@@ -184,6 +184,25 @@ class MetricsSection(_Section):
     port: int = Field(9464, ge=0, le=65535, description="TCP port on 127.0.0.1; 0 = any that is free.")
 
 
+class Ros2Section(_Section):
+    """The service as a node of ROS 2 under rmw_zenoh; needs lidarboost[ros2]."""
+
+    enabled: bool = Field(False, description="Appear to ROS 2 nodes.")
+    domain: int = Field(0, ge=0, le=232, description="ROS_DOMAIN_ID.")
+    namespace: str = Field(
+        "/lidarboost",
+        pattern=r"^(/|(/[A-Za-z_][A-Za-z0-9_]*)+)$",
+        description="What the names of node and topics begin with; / = nothing.",
+    )
+    distribution: Literal["humble", "iron", "jazzy", "kilted", "lyrical"] = Field(
+        "jazzy", description="Of the nodes that listen."
+    )
+    config: Path | None = Field(
+        None,
+        description="Zenoh's own JSON5 file for this session; none = reached where the service listens.",
+    )
+
+
 class LogSection(_Section):
     """How the service says what happens, on standard output."""
 
@@ -217,5 +236,6 @@ class Configuration(_Section):
     recording: RecordingSection = RecordingSection()
     output: OutputSection = OutputSection()
     metrics: MetricsSection = MetricsSection()
+    ros2: Ros2Section = Ros2Section()
     log: LogSection = LogSection()
     sinks: dict[str, SinkSection] = Field({}, description="Further sinks, by the name of each.")

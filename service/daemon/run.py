@@ -26,6 +26,7 @@ from service.sinks.metrics import Metrics
 from service.sinks.pictures import Pictures
 from service.sinks.publisher import PUBLISHER, Publisher
 from service.sinks.recorder import Recorder, order_of
+from service.sinks.ros import ros_sink
 from service.sinks.sink import Sink
 from service.sinks.summaries import Summaries
 from service.wire.links import Links
@@ -90,6 +91,8 @@ def run_service(
         begin_recorder(bus, configuration.recording, order_of(configuration.recording).wish)
         if configuration.metrics.enabled:
             bus.add("metrics", lambda: Metrics(Metrics.Options(port=configuration.metrics.port)))
+        if configuration.ros2.enabled:
+            bus.add("ros2", ros_sink(configuration.ros2, configuration.zenoh.config))
         for name, make in (*_outputs(configuration, output, once).items(), *makers.items()):
             bus.add(name, make)
         stack.enter_context(commanded(daemon, session))
