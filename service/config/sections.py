@@ -138,6 +138,15 @@ class RecordingSection(_Section):
     rotate_size: float = Field(1024.0, ge=1, le=1e6, description="MB after which a new file is begun.")
     rotate_duration: float = Field(3600.0, ge=1, le=1e6, description="Seconds until a new file is begun.")
     maps: bool = Field(True, description="Write fused maps too, not frames alone.")
+    points: int = Field(
+        4,
+        ge=0,
+        le=64,
+        description="Points of each map beside it: of every so many rows and columns one; 0 = none.",
+    )
+    depth_mm: bool = Field(
+        True, description="The depth of each map in millimetres beside it, which viewers can paint."
+    )
     replays: bool = Field(False, description="Record while a recording is played, too.")
     preroll: float = Field(
         2.0,
@@ -161,6 +170,15 @@ class OutputSection(_Section):
     """What `--output` receives besides `fused.mcap`."""
 
     preview: bool = Field(True, description="A PNG of every map; live, of the newest, as time allows.")
+    points: int = Field(
+        4,
+        ge=0,
+        le=64,
+        description="Points of each map beside it: of every so many rows and columns one; 0 = none.",
+    )
+    depth_mm: bool = Field(
+        True, description="The depth of each map in millimetres beside it, which viewers can paint."
+    )
     pictures: int = Field(1000, ge=1, le=1_000_000, description="Pictures kept live; the oldest goes.")
     rotate_size: float = Field(1024.0, ge=1, le=1e6, description="MB after which a new file is begun.")
     budget: float = Field(

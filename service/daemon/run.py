@@ -13,6 +13,7 @@ from service.daemon.daemon import Daemon
 from service.files import made_directory
 from service.fusion.local import LocalExecutor
 from service.messages.summary import BurstSummary, RunSummary
+from service.messages.viewing import Extras
 from service.sinks.bus import Bus
 from service.sinks.configured import configured_sinks
 from service.sinks.file_series import FileSeries
@@ -95,7 +96,9 @@ def _outputs(configuration: Configuration, output: Path | None, once: bool) -> d
     budget = None if once else section.budget
     made: dict[str, Callable[[], Sink]] = {
         "fused file": lambda: Recorder(
-            FileSeries(output / FUSED_FILE, section.rotate_size, budget), replays=True
+            FileSeries(output / FUSED_FILE, section.rotate_size, budget),
+            extras=Extras(section.points, section.depth_mm),
+            replays=True,
         )
     }
     if section.preview:

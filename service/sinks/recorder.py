@@ -26,6 +26,7 @@ from service.messages.events import (
 )
 from service.messages.status import RecorderState
 from service.messages.topics import TOPICS
+from service.messages.viewing import Extras
 from service.sinks.destination import Destination, is_over
 from service.sinks.preroll import Preroll
 from service.sinks.recording_directory import RecordingDirectory
@@ -58,6 +59,7 @@ class Recorder(Sink):
     Args:
         destination: a `RecordingDirectory` or a `FileSeries`.
         maps: whether fused maps are written, beside frames and all else.
+        extras: what is written of each map beside it.
         replays: whether anything is written while a recording is played.
         wanted: set = record; may be changed while it works. None = always.
         preroll: seconds before its start that a recording begins with.
@@ -74,6 +76,7 @@ class Recorder(Sink):
         destination: Destination,
         *,
         maps: bool = True,
+        extras: Extras = Extras(),  # noqa: B008 — frozen
         replays: bool = False,
         wanted: Flag | None = None,
         preroll: float = 0.0,
@@ -81,7 +84,7 @@ class Recorder(Sink):
     ) -> None:
         super().__init__()
         self._destination, self._now = destination, now
-        self.maps, self.replays = maps, replays
+        self.maps, self.extras, self.replays = maps, extras, replays
         self._wanted = wanted
         self._has_preroll = preroll > 0
         self._head: RecordingHead | None = None
@@ -201,7 +204,8 @@ class Recorder(Sink):
     def _recorded(self, event: Event) -> tuple[Message, ...]:
         if isinstance(event, MapFused) and not self.maps:
             return ()
-        return tuple(m for m in event_messages(event) if TOPICS[m.topic].recorded)
+        extras = self.extras.of(event) if isinstance(event, MapFused) else ()
+        return (*(m for m in event_messages(event) if TOPICS[m.topic].recorded), *extras)
 
     def _recover_once(self) -> None:
         """See to what an earlier run left, before there is a file of this one's own."""
@@ -301,7 +305,13 @@ def _is_there(path: Path) -> bool:
 def recorder_of(section: RecordingSection) -> Recorder:
     """The recorder of a service: files in the recording folder."""
     directory = RecordingDirectory(section, time.time_ns)
-    return Recorder(directory, maps=section.maps, replays=section.replays, preroll=section.preroll)
+    return Recorder(
+        directory,
+        maps=section.maps,
+        extras=Extras(section.points, section.depth_mm),
+        replays=section.replays,
+        preroll=section.preroll,
+    )
 
 
 def _origin(head: RecordingHead) -> tuple[object, ...]:
