@@ -29,7 +29,7 @@ _KUBERNETES = re.compile(
 _brief = Repr()
 _brief.maxstring = _brief.maxother = 80
 
-_NOT_CONFIGURATION = frozenset({"LIDARBOOST_DEBUG", "LIDARBOOST_ENDPOINT"})
+_NOT_CONFIGURATION = frozenset({"LIDARBOOST_DEBUG", "LIDARBOOST_ENDPOINT", "LIDARBOOST_CLIENT"})
 
 
 class _PresetSource(InitSettingsSource):

@@ -128,6 +128,13 @@ class ZenohSection(_Section):
     config: Path | None = Field(
         None, description="Zenoh's own JSON5 file; none = a peer that listens on tcp/127.0.0.1:7447."
     )
+    raw_rate: float | None = Field(
+        None,
+        gt=0,
+        le=1000,
+        description="Raw frames published per second at most, for thin links; none = all. Recordings and "
+        "fusion have all in any case.",
+    )
 
 
 class RecordingSection(_Section):
@@ -186,6 +193,21 @@ class OutputSection(_Section):
     )
 
 
+class MetricsSection(_Section):
+    """Metrics, and whether the service is alive and ready, by HTTP on this machine alone."""
+
+    enabled: bool = Field(
+        False, description="Serve /metrics (Prometheus), /healthz and /readyz; needs lidarboost[metrics]."
+    )
+    port: int = Field(9464, ge=0, le=65535, description="TCP port on 127.0.0.1; 0 = any that is free.")
+
+
+class LogSection(_Section):
+    """How the service says what happens, on standard output."""
+
+    format: Literal["text", "json"] = Field("text", description="Lines to read, or a JSON object a line.")
+
+
 class SinkSection(_Section):
     """One more that takes the events of the service."""
 
@@ -212,4 +234,6 @@ class Configuration(_Section):
     zenoh: ZenohSection = ZenohSection()
     recording: RecordingSection = RecordingSection()
     output: OutputSection = OutputSection()
+    metrics: MetricsSection = MetricsSection()
+    log: LogSection = LogSection()
     sinks: dict[str, SinkSection] = Field({}, description="Further sinks, by the name of each.")

@@ -9,7 +9,6 @@ from threading import Event as Flag
 from pydantic import BaseModel
 
 from drivers.frame import Frame
-from drivers.poses import camera_rotation
 from drivers.recording import Recording
 from drivers.settings import Capabilities
 from service.capture.control import Control
@@ -80,6 +79,7 @@ class Daemon:
         self.origin = Origin(lambda: self.configuration, self.fusing, self.emit)
         self._advance = Advance(lambda: self.origin.planned, lambda: self.fusing.backlog.unfinished)
         self.mode: Mode | None = None
+        self.lookouts: list[Callable[[], None]] = []
         self.command_counts: Callable[[], CommandCounts] = CommandCounts
 
     @property
@@ -250,8 +250,6 @@ class Daemon:
         expected = settings.stream.window if settings.start == "stream" else settings.fusion.frames
         frames = recording.frame_count if recording is not None else expected if self.once else None
         self.origin.show(self.rig, self.rig.clock.now(), frames)
-        # Imports a good part of SciPy, once, before frames come.
-        camera_rotation(0.0, 0.0, self.rig.calibration.mount)
 
     def _show(self, rig: Rig) -> None:
         """Have frames come from this rig; what the one before has left is fused first."""

@@ -177,7 +177,8 @@ class Streaming:
         for number, frame in enumerate(capture.run()):
             calibration = daemon.rig.calibration
             check_frame(frame, calibration)
-            job = FrameJob(frame, calibration, settings.fusion, settings.stream.window, self._number, number)
+            window, exposed = settings.stream.window, daemon.rig.exposed(frame)
+            job = FrameJob(frame, calibration, settings.fusion, window, self._number, number, exposed)
             daemon.fusing.backlog.put(job, _NEWEST, daemon.stop.is_set)
             if daemon.once and not daemon.carries_pose and number + 1 == settings.stream.window:
                 return

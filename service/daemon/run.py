@@ -6,10 +6,13 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
+import zenoh
+
 from service.capture.rig import Rig
 from service.config.sections import Configuration
 from service.daemon.commanded import commanded
 from service.daemon.daemon import Daemon
+from service.daemon.network import Network
 from service.files import made_directory
 from service.fusion.local import LocalExecutor
 from service.messages.summary import BurstSummary, RunSummary
@@ -17,16 +20,18 @@ from service.messages.viewing import Extras
 from service.sinks.bus import Bus
 from service.sinks.configured import configured_sinks
 from service.sinks.file_series import FileSeries
+from service.sinks.metrics import Metrics
 from service.sinks.pictures import Pictures
-from service.sinks.publisher import Publisher
+from service.sinks.publisher import PUBLISHER, Publisher
 from service.sinks.recorder import RECORDER, Recorder, recorder_of
 from service.sinks.sink import Sink
 from service.sinks.summaries import Summaries
+from service.wire.links import Links
 from service.wire.session import open_session
 
 FUSED_FILE = "fused.mcap"
 
-_HANDOVER, _HANDOVER_TOLD = 30.0, 2.5
+_HANDOVER, _HANDOVER_TOLD = 30.0, 2.2
 """Seconds that the sinks get at the end for what waits: after a whole run, and when told to stop."""
 
 SinkMakers = Mapping[str, Callable[[], Sink]]
@@ -56,7 +61,7 @@ def run_service(
     Raises:
         ConfigurationError: a sink that cannot be used.
         SessionError: no Zenoh session.
-        OutputError: the output directory cannot be made.
+        OutputError: the output directory cannot be made, or the port for metrics is taken.
         DriverError, ServiceError: as `Daemon.run`; nothing is left in `output` then.
         KeyboardInterrupt: one pass was told to stop before its first map; the same.
     """
@@ -66,15 +71,18 @@ def run_service(
     with ExitStack() as stack:
         if executor is None:
             executor = stack.enter_context(LocalExecutor.configured(configuration))
-        session = stack.enter_context(open_session(file=configuration.zenoh.config))
+        session = stack.enter_context(open_session(file=configuration.zenoh.config, lossless=once))
         if output is not None:
             stack.enter_context(made_directory(output))
         bus = stack.enter_context(Bus(lossless=once))
         daemon = Daemon(configuration, rig, bus, executor, once=once)
         bus.add("summaries", lambda: Summaries(summaries))
-        bus.add("publisher", lambda: Publisher(session, configuration.zenoh.prefix, lossless=once))
+        daemon.lookouts.append(Network(Links(session, configuration.zenoh.config), daemon.states).look)
+        bus.add(PUBLISHER, lambda: _publisher(configuration, session, once))
         if configuration.recording.enabled:
             bus.add(RECORDER, lambda: recorder_of(configuration.recording), must_open=False)
+        if configuration.metrics.enabled:
+            bus.add("metrics", lambda: Metrics(Metrics.Options(port=configuration.metrics.port)))
         for name, make in (*_outputs(configuration, output, once).items(), *makers.items()):
             bus.add(name, make)
         stack.enter_context(commanded(daemon, session))
@@ -82,10 +90,16 @@ def run_service(
         daemon.run()
         if once and daemon.stop.is_set() and daemon.ledger.fused == 0:
             raise KeyboardInterrupt  # there is nothing to hand over
-        publisher = bus.sink("publisher")
-        bus.close(_HANDOVER_TOLD if daemon.stop.is_set() else _HANDOVER)
+        publisher = bus.sink(PUBLISHER)
+        told = daemon.stop.is_set()
+        bus.close(_HANDOVER_TOLD if told else _HANDOVER, hurry=told)
         published = publisher.published if isinstance(publisher, Publisher) else 0
         return _summary(daemon, bus, summaries, published, time.monotonic() - began)
+
+
+def _publisher(configuration: Configuration, session: zenoh.Session, once: bool) -> Publisher:
+    section = configuration.zenoh
+    return Publisher(session, section.prefix, lossless=once, raw_rate=section.raw_rate)
 
 
 def _outputs(configuration: Configuration, output: Path | None, once: bool) -> dict[str, Callable[[], Sink]]:

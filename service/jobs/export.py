@@ -26,6 +26,15 @@ Arrays = dict[str, NDArray[Any]]
 _MOST_TERMS = 14
 """Of OpenCV's distortion."""
 
+_NUMBERS = (
+    "pan",
+    "tilt",
+    "integration_time",
+    "modulation_frequency",
+    "ambiguity_range",
+    "metres_per_count",
+)
+
 _MAP_TOPICS = {
     FUSED_DEPTH: "depth",
     FUSED_DEVIATION: "deviation",
@@ -38,10 +47,11 @@ def frame_arrays(recording: Recording) -> Arrays:
     """Every frame, stacked.
 
     Returns:
-        counts, amplitude (N, H, W) uint16; distance (N, H, W) float32 metres, NaN where there is none, as
-        delivered; timestamp (ns), sequence, burst and pose (−1 = not said), pan and tilt (radians),
-        integration_time (seconds, NaN = not known), modulation_frequency (Hz), ambiguity_range (metres),
-        and burst_index, the number of the burst in the recording (two may have one id), each (N,).
+        counts (N, H, W) uint16, or float32 metres; amplitude (N, H, W) uint16 where all frames have one;
+        distance (N, H, W) float32 metres, NaN where there is none, as delivered; timestamp (ns), sequence,
+        burst and pose (−1 = not said), pan and tilt (radians), integration_time (seconds),
+        modulation_frequency (Hz), ambiguity_range (metres), metres_per_count, NaN = not known or none, and
+        burst_index, the number of the burst in the recording (two may have one id), each (N,).
 
     Raises:
         RecordingError: the frames have several sizes.
@@ -49,16 +59,16 @@ def frame_arrays(recording: Recording) -> Arrays:
     if len({entry.shape for entry in recording.entries}) > 1:
         raise RecordingError(f"{recording.path}: its frames have several sizes; export them as .ply")
     frames, bursts = list(recording.frames()), recording.cut(None)
-    said: Arrays = {
-        name: np.stack([getattr(frame, name) for frame in frames])
-        for name in ("counts", "amplitude", "distance")
-    }
+    images = ["counts", "distance"]
+    if all(frame.has_amplitude for frame in frames):
+        images.append("amplitude")
+    said: Arrays = {name: np.stack([getattr(frame, name) for frame in frames]) for name in images}
     for name in ("timestamp", "sequence"):
         said[name] = np.array([getattr(frame, name) for frame in frames], dtype=np.int64)
     for name in ("burst", "pose"):
         values = [getattr(frame, name) for frame in frames]
         said[name] = np.array([-1 if value is None else value for value in values], dtype=np.int64)
-    for name in ("pan", "tilt", "integration_time", "modulation_frequency", "ambiguity_range"):
+    for name in _NUMBERS:
         values = [getattr(frame, name) for frame in frames]
         said[name] = np.array([np.nan if value is None else value for value in values])
     said["burst_index"] = np.repeat(np.arange(len(bursts)), [len(burst) for burst in bursts])
@@ -143,7 +153,8 @@ def clouds(recording: Recording) -> Iterator[NDArray[Any]]:
         known = whole.calibration_of(frame)
         distance = known.correct(frame.distance, frame.ambiguity_range)
         xyz = points_from_distance(distance, known.intrinsics.matrix, known.distortion or None)
-        yield _points(xyz, {"amplitude": frame.amplitude.astype(np.float32)})
+        light = {} if frame.amplitude is None else {"amplitude": frame.amplitude.astype(np.float32)}
+        yield _points(xyz, light)
 
 
 def export_cloud(points: NDArray[Any], path: Path) -> str:

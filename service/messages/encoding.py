@@ -3,6 +3,7 @@
 import logging
 from functools import singledispatch
 
+import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from drivers.calibration import Calibration, Intrinsics
@@ -16,6 +17,7 @@ from drivers.messages import (
     protobuf_time,
     transform_message,
 )
+from drivers.names import shown
 from service.errors import EncodingError
 from service.messages.events import (
     BurstCaptured,
@@ -43,7 +45,6 @@ from service.messages.topics import (
     SCAN_PROGRESS,
     STATUS,
 )
-from solver.geometry import depth_from_distance
 
 
 def event_messages(event: Event) -> tuple[Message, ...]:
@@ -110,9 +111,9 @@ def fused_messages(result: FusedMap) -> list[Message]:
     for what belongs to it.
     """
     at = result.frame.timestamp, result.frame.sequence
-    lens = result.calibration.distortion or None
     # Z = distance · cos(angle off the axis), and so is its standard deviation.
-    deviation = depth_from_distance(result.deviation, result.intrinsics, lens)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        deviation = result.deviation * (result.depth / result.distance)
     messages = [
         calibration_message(fused_calibration(result), at[0], FUSED_CALIBRATION, at[1], FUSED_FRAME_ID),
         transform_message(FUSED_TRANSFORM, FUSED_FRAME_ID, result.frame, result.calibration.mount),
@@ -144,7 +145,7 @@ def log_message(record: logging.LogRecord) -> Message:
     message = Log(
         timestamp=protobuf_time(timestamp),
         level=_log_level(record.levelno),
-        message=record.getMessage(),
+        message=shown(record.getMessage()),
         name=record.name,
         file=record.filename,
         line=record.lineno,

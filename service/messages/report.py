@@ -55,5 +55,7 @@ class BurstReport(BaseModel):
     seconds: Phases
     notes: tuple[str, ...] = Field((), description="What else is to be said of it.")
     latency: float | None = Field(
-        None, description="Seconds from the arrival of the last frame to the map; none outside the service."
+        None,
+        description="Seconds from the end of the last exposure to the map, of a replay from the arrival of "
+        "the last frame; none outside the service.",
     )
