@@ -202,6 +202,18 @@ class MetricsSection(_Section):
     port: int = Field(9464, ge=0, le=65535, description="TCP port on 127.0.0.1; 0 = any that is free.")
 
 
+class FoxgloveSection(_Section):
+    """A server for Foxglove and Lichtblick."""
+
+    enabled: bool = Field(False, description="Serve viewers; needs lidarboost[foxglove].")
+    host: str = Field(
+        "127.0.0.1",
+        min_length=1,
+        description="Address to listen on; beyond loopback anybody may look.",
+    )
+    port: int = Field(8765, ge=0, le=65535, description="TCP port; 0 = any that is free.")
+
+
 class LogSection(_Section):
     """How the service says what happens, on standard output."""
 
@@ -235,5 +247,6 @@ class Configuration(_Section):
     recording: RecordingSection = RecordingSection()
     output: OutputSection = OutputSection()
     metrics: MetricsSection = MetricsSection()
+    foxglove: FoxgloveSection = FoxgloveSection()
     log: LogSection = LogSection()
     sinks: dict[str, SinkSection] = Field({}, description="Further sinks, by the name of each.")

@@ -20,12 +20,15 @@ from service.messages.viewing import Extras
 from service.sinks.bus import Bus
 from service.sinks.configured import configured_sinks
 from service.sinks.file_series import FileSeries
+from service.sinks.foxglove import Foxglove
+from service.sinks.foxglove_replay import Ask
 from service.sinks.metrics import Metrics
 from service.sinks.pictures import Pictures
 from service.sinks.publisher import PUBLISHER, Publisher
 from service.sinks.recorder import RECORDER, Recorder, recorder_of
 from service.sinks.sink import Sink
 from service.sinks.summaries import Summaries
+from service.wire.asking import Asking
 from service.wire.links import Links
 from service.wire.session import open_session
 
@@ -33,6 +36,9 @@ FUSED_FILE = "fused.mcap"
 
 _HANDOVER, _HANDOVER_TOLD = 30.0, 2.2
 """Seconds that the sinks get at the end for what waits: after a whole run, and when told to stop."""
+
+_REPLAY_TIMEOUT = 2.0
+"""Seconds that a viewer's playback control may take."""
 
 SinkMakers = Mapping[str, Callable[[], Sink]]
 
@@ -83,6 +89,8 @@ def run_service(
             bus.add(RECORDER, lambda: recorder_of(configuration.recording), must_open=False)
         if configuration.metrics.enabled:
             bus.add("metrics", lambda: Metrics(Metrics.Options(port=configuration.metrics.port)))
+        if configuration.foxglove.enabled:
+            bus.add("foxglove", lambda: Foxglove(configuration.foxglove, _replaying(configuration, session)))
         for name, make in (*_outputs(configuration, output, once).items(), *makers.items()):
             bus.add(name, make)
         stack.enter_context(commanded(daemon, session))
@@ -95,6 +103,12 @@ def run_service(
         bus.close(_HANDOVER_TOLD if told else _HANDOVER, hurry=told)
         published = publisher.published if isinstance(publisher, Publisher) else 0
         return _summary(daemon, bus, summaries, published, time.monotonic() - began)
+
+
+def _replaying(configuration: Configuration, session: zenoh.Session) -> Ask:
+    """What has `cmd/replay` do something, as everybody else does."""
+    asking = Asking(session, configuration.zenoh.prefix, "this service")
+    return lambda request: asking.ask("cmd/replay", _REPLAY_TIMEOUT, request)
 
 
 def _publisher(configuration: Configuration, session: zenoh.Session, once: bool) -> Publisher:
