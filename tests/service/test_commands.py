@@ -83,6 +83,7 @@ def test_one_burst_is_answered_with_its_report_and_map(tmp_path: Path, endpoint:
             "fused/deviation",
             "fused/amplitude",
             "fused/reason",
+            "fused/transform",
             "fused/report",
         ]
         assert messages[1]["encoding"] == "application/protobuf;foxglove.RawImage"
