@@ -138,13 +138,16 @@ class ReplayCamera(Camera):
 
 
 def _recorded_settings(frame: Frame) -> CameraSettings:
-    """Settings as they were; nominal integration time where the recording does not know it."""
-    known = {} if frame.integration_time is None else {"integration_time": frame.integration_time}
+    """Settings as they were; nominal integration time and frequency where the recording knows none."""
+    known = {
+        name: value
+        for name in ("integration_time", "modulation_frequency")
+        if (value := getattr(frame, name)) is not None
+    }
     return CameraSettings.model_construct(
         **{
             **CameraSettings().model_dump(),
             **known,
-            "modulation_frequency": frame.modulation_frequency,
             "amplitude_mode": frame.amplitude_mode,
         }
     )

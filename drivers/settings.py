@@ -1,7 +1,7 @@
 """What can be set on a camera, and what a camera can do."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -34,6 +34,10 @@ class CameraSettings(BaseModel):
     def ambiguity_range(self) -> float:
         """Metres."""
         return ambiguity_range(self.modulation_frequency)
+
+    def over(self, others: Self) -> Self:
+        """Others with those changed that were named when this was made."""
+        return others.model_copy(update={name: getattr(self, name) for name in self.model_fields_set})
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,7 +37,8 @@ class Rig:
     Args:
         camera, stage: closed devices.
         clock: of the devices.
-        settings: put in force whenever the camera is opened; None = as the camera has them.
+        settings: put in force whenever the camera is opened, those that are named; None = as the camera has
+            them.
         calibration: replaces the camera's own.
         home: when an unknown position of the stage may be found by homing.
         operator: who is told what is about to move, and asked whether it may.
@@ -148,7 +149,7 @@ class Rig:
         self.camera.mount_on(self.stage)
         self.camera.open()
         if self.settings is not None:
-            self.camera.settings = self.settings
+            self.camera.settings = self.settings.over(self.camera.settings)
         self._check_shape()
         self.camera.start()
 

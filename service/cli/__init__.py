@@ -61,6 +61,7 @@ COMMANDS: dict[str, Entry] = {
     "doctor": Entry("service.cli.doctor", "doctor", "Check this machine, and say how to mend it.", _DEVICES),
     "capture": Entry("service.cli.capture", "capture", "Record a few frames, with a picture.", _DEVICES),
     "hz": Entry("service.cli.hz", "hz", "Show frame rate, jitter and drops.", _DEVICES),
+    "quality": Entry("service.cli.quality", "quality", "Measure how well a rig measures.", _DEVICES),
     "calibrate": Entry(
         "service.cli.calibrate", "calibrate", "Find a camera's optics, errors, noise and mount.", _DEVICES
     ),

@@ -49,6 +49,18 @@ def check(
 
 
 @config.command()
+def presets() -> None:
+    """List the presets, with what each sets: `preset = "fine"` in the configuration, or --preset fine.
+
+    Whatever is set explicitly goes before them.
+    """
+    from service.config.presets import DESCRIPTIONS, describe
+
+    for name, purpose in DESCRIPTIONS.items():
+        print(f"{describe(name)}  # {purpose}")
+
+
+@config.command()
 def schema() -> None:
     """Print the JSON schema of the configuration: every key with its unit, bounds, default and meaning.
 

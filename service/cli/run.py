@@ -2,10 +2,13 @@
 
 import logging
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from service.cli.preset import PresetOption, configured
 
 if TYPE_CHECKING:
     from service.config.sections import Configuration
@@ -49,6 +52,7 @@ def run(
             rich_help_panel=_RUN,
         ),
     ] = False,
+    preset: PresetOption = None,
     output: Annotated[
         Path | None,
         typer.Option(help="Directory for fused.mcap and a picture of every burst.", rich_help_panel=_RUN),
@@ -83,20 +87,22 @@ def run(
     0 done; 1 failed; 2 wrong usage or configuration; 3 done, but data
     was lost: a damaged recording, a burst that could not be fused,
     something not delivered; 130 one pass stopped before its first map.
-    A daemon told to stop ends with 0.
+    A daemon told to stop ends with 0, or with 3 where data was lost.
     """
-    from service.cli.operator import with_consent
-    from service.config.file import load
-    from service.fusion.local import LocalExecutor
+    from service.fusion.process import fusion_process
     from service.signals import stopping
 
-    with stopping() as signals:
+    with stopping() as signals, ExitStack() as stack:
         _check(replay, speed, loop, once)
-        configuration = with_consent(load(config), home)
+        worker = stack.enter_context(fusion_process())  # it starts while the rest is imported
+        from service.cli.operator import with_consent
+        from service.fusion.local import LocalExecutor
+
+        configuration = with_consent(configured(config, preset), home)
         if replay is not None:
             configuration = _playing(configuration, replay, speed or (None if once else 1.0), loop)
-        with LocalExecutor.configured(configuration) as executor:  # it starts while the rest is imported
-            summary = _served(configuration, executor, output, signals, home=home, once=once, quiet=as_json)
+        executor = stack.enter_context(LocalExecutor.configured(configuration, worker))
+        summary = _served(configuration, executor, output, signals, home=home, once=once, quiet=as_json)
     if summary is None:
         if once:
             raise typer.Abort
@@ -105,8 +111,7 @@ def run(
         print(summary.model_dump_json(indent=2))
     else:
         _tell(summary)
-    # A daemon that was told to stop has done its work, whatever it lost on the way.
-    if summary.lost and not (signals.told and not once):
+    if summary.lost:
         raise typer.Exit(3)
 
 

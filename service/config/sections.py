@@ -8,6 +8,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from drivers.settings import CameraSettings
 from solver.options import FusionOptions, Method
 
+Preset = Literal["fine", "fast", "far", "dark"]
+"""Names of the presets; `service.config.presets` has what they set."""
+
 
 class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -22,7 +25,7 @@ class CameraSection(_Section):
     recording: Path | None = Field(None, description="What `auto` plays where there is no real camera.")
     options: dict[str, Any] = Field({}, description="Options of the backend itself; it checks them.")
     settings: CameraSettings | None = Field(
-        None, description="Settings to put in force; none = as the camera has them."
+        None, description="Settings to put in force; those not named stay as the camera has them."
     )
     calibration: Path | None = Field(
         None, description="TOML file that replaces the calibration the camera brings along."
@@ -201,6 +204,10 @@ class Configuration(_Section):
     """Everything that can be set, by one TOML file, then the environment, then flags."""
 
     start: Literal["idle", "scan", "stream"] = Field("scan", description="What the service does first.")
+    preset: Preset | None = Field(
+        None,
+        description="Settings for a purpose, under all that is set explicitly: lidarboost config presets.",
+    )
     camera: CameraSection = CameraSection()
     stage: StageSection = StageSection()
     plan: PlanSection = PlanSection()

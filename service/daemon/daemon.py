@@ -9,7 +9,6 @@ from threading import Event as Flag
 from pydantic import BaseModel
 
 from drivers.frame import Frame
-from drivers.poses import camera_rotation
 from drivers.recording import Recording
 from drivers.settings import Capabilities
 from service.capture.control import Control
@@ -251,8 +250,6 @@ class Daemon:
         expected = settings.stream.window if settings.start == "stream" else settings.fusion.frames
         frames = recording.frame_count if recording is not None else expected if self.once else None
         self.origin.show(self.rig, self.rig.clock.now(), frames)
-        # Imports a good part of SciPy, once, before frames come.
-        camera_rotation(0.0, 0.0, self.rig.calibration.mount)
 
     def _show(self, rig: Rig) -> None:
         """Have frames come from this rig; what the one before has left is fused first."""

@@ -90,7 +90,8 @@ def run_service(
         if once and daemon.stop.is_set() and daemon.ledger.fused == 0:
             raise KeyboardInterrupt  # there is nothing to hand over
         publisher = bus.sink(PUBLISHER)
-        bus.close(_HANDOVER_TOLD if daemon.stop.is_set() else _HANDOVER)
+        told = daemon.stop.is_set()
+        bus.close(_HANDOVER_TOLD if told else _HANDOVER, hurry=told)
         published = publisher.published if isinstance(publisher, Publisher) else 0
         return _summary(daemon, bus, summaries, published, time.monotonic() - began)
 

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails, from_json
 
 from drivers.messages import Message, Schema
+from drivers.text import json_of
 from service.errors import CommandError, InvalidArgumentError, OutOfRangeError
 from service.messages.status import State
 from service.wire.encoding import Octets
@@ -43,7 +44,7 @@ class Reply(BaseModel):
     def payload(self) -> bytes:
         """JSON, without the fields that this reply does not give."""
         others = set(type(self).model_fields) - self.model_fields_set
-        return self.model_dump_json(exclude=others).encode()
+        return json_of(self, others)
 
 
 @dataclass(frozen=True, slots=True)

@@ -125,7 +125,15 @@ def map_of(
         notes=notes,
     )
     return FusedMap(
-        reference, calibration, fused.distance, depth, fused.deviation, fused.amplitude, intrinsics, report
+        frame=reference,
+        calibration=calibration,
+        distance=fused.distance,
+        depth=depth,
+        deviation=fused.deviation,
+        amplitude=fused.amplitude,
+        reason=fused.reason,
+        intrinsics=intrinsics,
+        report=report,
     )
 
 
@@ -137,13 +145,22 @@ def footprint_of(calibration: Calibration) -> Footprint:
 
 def stack(
     frames: Sequence[Frame], calibration: Calibration
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
     """Corrected distances in metres, NaN where there is none, and linear amplitudes; (N, H, W) float32."""
     pairs = [corrected(frame, calibration) for frame in frames]
-    return np.stack([distance for distance, _ in pairs]), np.stack([amplitude for _, amplitude in pairs])
+    amplitudes = [amplitude for _, amplitude in pairs if amplitude is not None]
+    return np.stack([distance for distance, _ in pairs]), np.stack(amplitudes) if amplitudes else None
 
 
-def corrected(frame: Frame, calibration: Calibration) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Corrected distance in metres, NaN where there is none, and linear amplitude; (H, W) float32."""
+def corrected(
+    frame: Frame, calibration: Calibration
+) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    """Corrected distance in metres, NaN where there is none, and linear amplitude; (H, W) float32.
+
+    None in its place where the camera gives no amplitude.
+    """
+    distance = calibration.correct(frame.distance, frame.ambiguity_range)
+    if frame.signal is None:
+        return distance, None
     # Where gray mode hides the amplitude there is no distance either: the sample is not used at all.
-    return calibration.correct(frame.distance, frame.ambiguity_range), np.nan_to_num(frame.signal, nan=0.0)
+    return distance, np.nan_to_num(frame.signal, nan=0.0)

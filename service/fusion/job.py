@@ -78,6 +78,15 @@ class Compiling:
 
 
 @dataclass(frozen=True, slots=True)
+class Iterating:
+    """How far the solver is with the job at work; `gap` is None for methods without one."""
+
+    iteration: int
+    objective: float
+    gap: float | None
+
+
+@dataclass(frozen=True, slots=True)
 class Failure:
     """A job that could not be done, and why."""
 

@@ -17,6 +17,7 @@ from drivers.messages import (
 FUSED_DEPTH = "fused/depth"
 FUSED_DEVIATION = "fused/deviation"
 FUSED_AMPLITUDE = "fused/amplitude"
+FUSED_REASON = "fused/reason"
 FUSED_CALIBRATION = "fused/calibration"
 FUSED_POINTS = "fused/points"
 FUSED_REPORT = "fused/report"
@@ -74,7 +75,8 @@ _ROWS = (
         True,
         _DROP,
         False,
-        "16UC1, radial counts; metres = counts · ambiguity range (`camera/frame`) / 65536, 0 = rejected",
+        "16UC1, radial counts; metres = counts · `scale`, else ambiguity range / 65536 (`camera/frame`), "
+        "0 = rejected; or 32FC1, radial, metres",
         unit="counts",
     ),
     Topic(
@@ -84,7 +86,7 @@ _ROWS = (
         True,
         _DROP,
         False,
-        "mono16, amplitude, counts",
+        "mono16, amplitude, counts, where the camera gives one",
         unit="counts",
     ),
     Topic(
@@ -148,6 +150,15 @@ _ROWS = (
         unit="counts/s",
     ),
     Topic(
+        FUSED_REASON,
+        "foxglove.RawImage",
+        "each fusion",
+        True,
+        _DROP,
+        True,
+        "8UC1: 0 measured, 1 filled; unknown: 2 dark, 3 saturated, 4 contradicted, 5 outside",
+    ),
+    Topic(
         FUSED_CALIBRATION,
         "foxglove.CameraCalibration",
         "each fusion",
@@ -180,11 +191,11 @@ _ROWS = (
     Topic(
         SCAN_PROGRESS,
         "lidarboost.ScanProgress",
-        "each pose",
+        "each pose, and 5 Hz during a solve",
         False,
         _DROP,
         True,
-        "JSON: how far the burst at work is, and what is being fused",
+        "JSON: how far the burst at work is, what is being fused, and how far the solver is",
         unit="SI",
     ),
     Topic(

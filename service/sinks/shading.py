@@ -3,12 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.rotations import rotation_matrix
 from solver.geometry import normals_from_points, points_from_distance
-from solver.positions import rotation_matrix
 
 _AMBIENT = 0.25
-_SIZE = 640, 480
-"""Columns and rows of the picture."""
+_SIZE = 432, 353
+"""Columns and rows of the picture, and pixels of the map that it has room for."""
 
 _GRAZING = 0.12
 """Cosine to the ray below which a pixel belongs to no surface, but spans the gap between two."""
@@ -16,7 +16,7 @@ _GRAZING = 0.12
 _LIGHT = np.array([0.35, -0.5, -1.0], np.float32)
 """Where it comes from, in the viewer's axes."""
 
-_SMOOTHING = 5
+_SMOOTHING = 3
 """Pixels over which normals are averaged: from one pixel to the next, noise turns them by tens of degrees."""
 
 
@@ -34,7 +34,9 @@ class Surface:
         intrinsics: NDArray[np.float64],
         distortion: tuple[float, ...] | None,
     ) -> None:
-        points = points_from_distance(distance, intrinsics, distortion)
+        step = max(1, -(-distance.shape[1] // _SIZE[0]))
+        scaled = np.diag([1 / step, 1 / step, 1.0]) @ intrinsics
+        points = points_from_distance(distance[::step, ::step], scaled, distortion)
         normals = normals_from_points(points)
         known = np.isfinite(points[..., 2]) & np.isfinite(normals[..., 0]) & ~_grazed(points, normals)
         self._points = points[known].astype(np.float32)
