@@ -99,6 +99,11 @@ class Daemon:
         return self.rig.camera.capabilities.carries_pose
 
     @property
+    def is_replayed(self) -> bool:
+        """Whether a recording is played, which comes to an end by itself."""
+        return self.rig.camera.capabilities.source == "replay"
+
+    @property
     def planned(self) -> int | None:
         """Frames of a whole burst: of the plan, or as a recording says; None = it does not."""
         if not self.carries_pose:
