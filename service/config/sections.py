@@ -79,13 +79,13 @@ class FusionSection(_Section):
     frames: int = Field(15, ge=1, le=200, description="Frames of one burst.")
     method: Method = Field("auto", description="`auto` = `phasor` where there is amplitude, else `area`.")
     upsampling: int = Field(4, ge=1, le=16, description="β: fused pixels per sensor pixel, along each axis.")
-    regularization: Annotated[float, Field(gt=0)] | Literal["auto"] = Field(
+    regularization: Annotated[float, Field(gt=0, le=1e9)] | Literal["auto"] = Field(
         "auto",
         description="λ, metres (`phasor`: a factor on its penalties, 1 = auto); `auto` = from the noise.",
     )
     tolerance: float = Field(1e-3, gt=0, lt=1, description="Relative error at which the solve stops.")
     max_iterations: int = Field(1000, ge=1, le=1_000_000, description="Most iterations of one solve.")
-    amplitude_threshold: Annotated[float, Field(ge=0)] | Literal["auto"] = Field(
+    amplitude_threshold: Annotated[float, Field(ge=0, le=1e9)] | Literal["auto"] = Field(
         "auto",
         description="Counts per second of integration time under which a sample is not used; 0 = none.",
     )
