@@ -84,8 +84,8 @@ def warnings_about(rigs: Sequence[FoundRig]) -> list[str]:
         if disturbing and one.modulation_frequency and apart < _SAME:
             said.append(
                 f"{where} run at the same time with the same modulation frequency of "
-                f"{one.modulation_frequency / 1e6:g} MHz: distances are wrong where one lights what the other "
-                "sees; set another settings.modulation_frequency"
+                f"{one.modulation_frequency / 1e6:g} MHz: distances are wrong where one lights what the "
+                "other sees; set another settings.modulation_frequency"
             )
     return said
 
