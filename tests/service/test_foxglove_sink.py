@@ -108,6 +108,7 @@ def test_an_older_protocol_is_refused(sink: Foxglove) -> None:
         pass
 
 
+@pytest.mark.slow
 def test_a_viewer_that_stalls_holds_nothing_up(sink: Foxglove, fused: MapMaker) -> None:
     with viewer(sink.port) as stalled, viewer(sink.port) as client:
         for one in (stalled, client):
