@@ -90,6 +90,8 @@ class Monitor:
             ),
             fusion=fusion,
             latency=ledger.latency,
+            temperature=self._rig.camera.temperature,
+            drift=daemon.supervision.drift,
             recorder=recorder.state if isinstance(recorder, Recorder) else None,
             sinks=sinks,
             subscribers=publisher.subscribers if isinstance(publisher, Publisher) else (),
@@ -109,6 +111,7 @@ class Monitor:
             span=settings.plan.span,
             pause=settings.plan.pause,
             integration_time=self._rig.camera.settings.integration_time,
+            modulation_frequency=self._rig.camera.settings.modulation_frequency,
         )
 
     def _last_error(self, what: str | None) -> LastError | None:
