@@ -46,7 +46,11 @@ def test_a_newcomer_adds_a_camera_a_stage_and_a_sink(
     settings = load(
         None,
         {
-            "camera": {"backend": "wall", "options": {"distance": 3.0}, "settings": {"integration_time": 1e-3}},
+            "camera": {
+                "backend": "wall",
+                "options": {"distance": 3.0},
+                "settings": {"integration_time": 1e-3},
+            },
             "stage": {"backend": "model", "options": {"speed": 300.0, "acceleration": 3600.0}, "settle": 0.0},
             "fusion": {"method": "nearest", "frames": 3, "register_poses": False},
             "zenoh": {"config": str(zenoh)},
