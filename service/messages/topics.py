@@ -1,4 +1,4 @@
-"""Everything that is published or asked for: the one table that publisher, recorder, documentation and tests read.
+"""Everything that is published: the one table that publisher, recorder, documentation and tests read.
 
 Zenoh key = `<prefix>/<topic>`; topic in a recording = `/<topic>`; the bytes are the same.
 """

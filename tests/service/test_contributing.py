@@ -19,6 +19,7 @@ from solver import FusionOptions, fuse, methods
 
 Write = Callable[[str, str], str]
 
+SETTINGS = {"integration_time": 1e-3}
 PAGE = (Path(__file__).parents[2] / "CONTRIBUTING.md").read_text(encoding="utf-8")
 
 
