@@ -47,7 +47,7 @@ from service.messages.topics import (
     SCAN_PROGRESS,
     STATUS,
 )
-from solver.geometry import points_from_distance
+from solver.lens import pixel_rays
 
 POINT_FIELDS = ("x", "y", "z", "amplitude", "deviation")
 
@@ -170,10 +170,17 @@ def points_message(result: FusedMap) -> Message:
 
 def fused_points(result: FusedMap) -> NDArray[np.float32]:
     """(P, 5) float32: x, y, z in metres, amplitude and deviation of each known pixel."""
-    known = np.isfinite(result.distance)
-    points = points_from_distance(result.distance, result.intrinsics, result.calibration.distortion or None)
-    amplitude = np.full_like(result.distance, np.nan) if result.amplitude is None else result.amplitude
-    return np.column_stack([points[known], amplitude[known], result.deviation[known]])
+    finite = np.isfinite(result.distance).ravel()
+    # Picking out all of them would take longer than all else.
+    known = slice(None) if finite.all() else np.flatnonzero(finite)
+    lens = result.calibration.distortion or None
+    rays = pixel_rays(result.depth.shape, result.intrinsics, lens).reshape(-1, 2)[known]
+    points = np.empty((len(rays), len(POINT_FIELDS)), dtype=np.float32)
+    points[:, 2] = result.depth.ravel()[known]
+    points[:, :2] = rays * points[:, 2:3]
+    points[:, 3] = np.nan if result.amplitude is None else result.amplitude.ravel()[known]
+    points[:, 4] = result.deviation.ravel()[known]
+    return points
 
 
 def log_message(record: logging.LogRecord) -> Message:
