@@ -153,7 +153,7 @@ def mcap_of(samples: Sequence[Sample]) -> bytes:
             kind = "protobuf" if schema.encoding == "protobuf" else "json"
             channels[topic] = writer.register_channel(f"/{topic}", kind, number)
         writer.add_message(channels[topic], at, payload, at)
-    writer.finish()
+    writer.finish()  # type: ignore[no-untyped-call]
     return stream.getvalue()
 
 
