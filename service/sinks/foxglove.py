@@ -1,5 +1,6 @@
 """Serves what happens to Foxglove and Lichtblick, over a WebSocket."""
 
+import logging
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -169,4 +170,6 @@ def _library() -> Any:
         raise ConfigurationError(
             "the sink foxglove needs the library foxglove-sdk: pip install 'lidarboost[foxglove]'"
         ) from error
+    # It says of every message that a client did not take so, and what the log says is a message again.
+    logging.getLogger("foxglove").setLevel(logging.CRITICAL)
     return foxglove
