@@ -16,7 +16,7 @@ from drivers.frame import Frame
 from drivers.names import shown
 from drivers.recording import Recording
 from drivers.reel import Reel
-from drivers.settings import CameraSettings, Capabilities
+from drivers.settings import CameraSettings, Capabilities, recorded_settings
 
 _TOLD = 5
 """Gaps that are told one by one."""
@@ -73,7 +73,7 @@ class ReplayCamera(Camera):
         self._frames = self._play()
         self._next: tuple[int, Frame, int] | None = None
         self._shown: Calibration | None = None
-        self._settings = _recorded_settings(next(self._reel.recording.frames()))
+        self._settings = recorded_settings(next(self._reel.recording.frames()))
 
     def _close(self) -> None:
         self._frames = iter(())
@@ -135,19 +135,3 @@ class ReplayCamera(Camera):
     @property
     def _replay(self) -> ReplayOptions:
         return cast(ReplayOptions, self.options)
-
-
-def _recorded_settings(frame: Frame) -> CameraSettings:
-    """Settings as they were; nominal integration time and frequency where the recording knows none."""
-    known = {
-        name: value
-        for name in ("integration_time", "modulation_frequency")
-        if (value := getattr(frame, name)) is not None
-    }
-    return CameraSettings.model_construct(
-        **{
-            **CameraSettings().model_dump(),
-            **known,
-            "amplitude_mode": frame.amplitude_mode,
-        }
-    )

@@ -45,6 +45,7 @@ class Rig:
 
     Attributes:
         motion: moves the stage.
+        found: the camera's settings as it had them itself, once it was open.
         beats: counted up by whatever waits on purpose or tries again: a sign of life where no frame comes.
     """
 
@@ -63,6 +64,7 @@ class Rig:
         self.clock = clock if clock is not None else SystemClock()
         self.settings = settings
         self._calibration = calibration
+        self.found: CameraSettings | None = None
         self.reopened = 0
         self.beats = 0
 
@@ -148,6 +150,7 @@ class Rig:
         self.stage.open()
         self.camera.mount_on(self.stage)
         self.camera.open()
+        self.found = self.found or self.camera.settings
         if self.settings is not None:
             self.camera.settings = self.settings.over(self.camera.settings)
         self._check_shape()

@@ -11,7 +11,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from service import signals, streams
+from service import leaving, signals, streams
 from service.versions import software_version
 
 DONE, FAILED, USAGE, DATA_LOST = 0, 1, 2, 3
@@ -208,5 +208,9 @@ def _root(
 def main() -> NoReturn:
     """Run the command line; raises SystemExit."""
     streams.settle()
-    app(prog_name="lidarboost")
+    try:
+        app(prog_name="lidarboost")
+    except SystemExit as told:
+        leaving.leave(told.code if isinstance(told.code, int) else DONE)
+        raise
     raise SystemExit(DONE)

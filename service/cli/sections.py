@@ -22,7 +22,7 @@ def _app(name: str, what: str, example: str) -> typer.Typer:
     def show(answer: "Answer") -> str:
         fields = _model(name).model_fields
         lines = [
-            f"{field} = {json.dumps(value)}".ljust(32) + f"# {fields[field].description}"
+            f"{field} = {json.dumps(value)}".ljust(32) + f" # {fields[field].description}"
             for field, value in answer[name].items()
             if field in fields
         ]

@@ -50,9 +50,11 @@ def _lines(told: "Status") -> Iterator[tuple[str, str]]:
         f"{told.fusion.backlog} waiting",
     )
     if told.totals.unconverged or told.fusion.restarts:
+        hung = f", {told.fusion.hung} times since it hung" if told.fusion.hung else ""
         yield (
             "",
-            f"{told.totals.unconverged} not converged; the fusion was restarted {told.fusion.restarts} times",
+            f"{told.totals.unconverged} not converged; the fusion was restarted {told.fusion.restarts} "
+            f"times{hung}",
         )
     used = told.in_force
     yield (
@@ -63,6 +65,15 @@ def _lines(told: "Status") -> Iterator[tuple[str, str]]:
     drops = [f"{count} {cause}" for cause, count in told.drops.model_dump().items() if count]
     yield "dropped", ", ".join(drops) or "nothing"
     yield "recording", _recording(told)
+    if told.temperature is not None:
+        yield "camera", f"{told.temperature:.1f} °C"
+    if told.drift is not None:
+        drift = told.drift
+        yield (
+            "drift",
+            f"{drift.distance * 1000:+.1f} ± {drift.deviation * 1000:.1f} mm of what stands still "
+            f"({drift.static:.0%}), in {drift.seconds:.0f} s",
+        )
     for fault in told.degraded:
         yield "degraded", f"{fault.what}, for {fault.seconds:.0f} s; {fault.remedy}"
     for one in told.subscribers:

@@ -15,6 +15,7 @@ from pydantic_settings.exceptions import SettingsError
 
 from drivers.documents import parse_toml, require_plain, shortened
 from service.config.presets import PRESETS
+from service.config.secrets import HIDDEN, is_secret, without_secrets
 from service.config.sections import Configuration
 from service.errors import ConfigurationError
 
@@ -151,7 +152,9 @@ def _words(fault: ErrorDetails, keys: tuple[str, ...], model: type[BaseModel]) -
         return f"unknown key {name}{_nearest(keys[-1], list(model.model_fields), '.'.join(keys[:-1]))}"
     field = model.model_fields.get(keys[-1])
     meaning = f" ({field.description})" if field is not None and field.description else ""
-    return f"{name} = {_brief.repr(fault['input'])}: {fault['msg']}{meaning}"
+    hidden = any(map(is_secret, keys))
+    given = HIDDEN if hidden else _brief.repr(without_secrets(fault["input"]))
+    return f"{name} = {given}: {fault['msg']}{meaning}"
 
 
 def _walk(location: tuple[int | str, ...]) -> tuple[tuple[str, ...], type[BaseModel]]:

@@ -79,13 +79,13 @@ class FusionSection(_Section):
     frames: int = Field(15, ge=1, le=200, description="Frames of one burst.")
     method: Method = Field("auto", description="`auto` = `phasor` where there is amplitude, else `area`.")
     upsampling: int = Field(4, ge=1, le=16, description="β: fused pixels per sensor pixel, along each axis.")
-    regularization: Annotated[float, Field(gt=0)] | Literal["auto"] = Field(
+    regularization: Annotated[float, Field(gt=0, le=1e9)] | Literal["auto"] = Field(
         "auto",
         description="λ, metres (`phasor`: a factor on its penalties, 1 = auto); `auto` = from the noise.",
     )
     tolerance: float = Field(1e-3, gt=0, lt=1, description="Relative error at which the solve stops.")
     max_iterations: int = Field(1000, ge=1, le=1_000_000, description="Most iterations of one solve.")
-    amplitude_threshold: Annotated[float, Field(ge=0)] | Literal["auto"] = Field(
+    amplitude_threshold: Annotated[float, Field(ge=0, le=1e9)] | Literal["auto"] = Field(
         "auto",
         description="Counts per second of integration time under which a sample is not used; 0 = none.",
     )
@@ -202,6 +202,25 @@ class MetricsSection(_Section):
     port: int = Field(9464, ge=0, le=65535, description="TCP port on 127.0.0.1; 0 = any that is free.")
 
 
+class Ros2Section(_Section):
+    """The service as a node of ROS 2 under rmw_zenoh; needs lidarboost[ros2]."""
+
+    enabled: bool = Field(False, description="Appear to ROS 2 nodes.")
+    domain: int = Field(0, ge=0, le=232, description="ROS_DOMAIN_ID.")
+    namespace: str = Field(
+        "/lidarboost",
+        pattern=r"^(/|(/[A-Za-z_][A-Za-z0-9_]*)+)$",
+        description="What the names of node and topics begin with; / = nothing.",
+    )
+    distribution: Literal["humble", "iron", "jazzy", "kilted", "lyrical"] = Field(
+        "jazzy", description="Of the nodes that listen."
+    )
+    config: Path | None = Field(
+        None,
+        description="Zenoh's own JSON5 file for this session; none = reached where the service listens.",
+    )
+
+
 class FoxgloveSection(_Section):
     """A server for Foxglove and Lichtblick."""
 
@@ -247,6 +266,7 @@ class Configuration(_Section):
     recording: RecordingSection = RecordingSection()
     output: OutputSection = OutputSection()
     metrics: MetricsSection = MetricsSection()
+    ros2: Ros2Section = Ros2Section()
     foxglove: FoxgloveSection = FoxgloveSection()
     log: LogSection = LogSection()
     sinks: dict[str, SinkSection] = Field({}, description="Further sinks, by the name of each.")

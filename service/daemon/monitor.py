@@ -90,6 +90,8 @@ class Monitor:
             ),
             fusion=fusion,
             latency=ledger.latency,
+            temperature=self._rig.camera.temperature,
+            drift=daemon.supervision.drift,
             recorder=recorder.state if isinstance(recorder, Recorder) else None,
             sinks=sinks,
             subscribers=publisher.subscribers if isinstance(publisher, Publisher) else (),

@@ -1,9 +1,10 @@
 """A run with all that the configuration asks for: session, sinks, daemon; and what came of it."""
 
+import logging
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
 
 import zenoh
@@ -12,7 +13,9 @@ from service.capture.rig import Rig
 from service.config.sections import Configuration
 from service.daemon.commanded import commanded
 from service.daemon.daemon import Daemon
+from service.daemon.last_resort import last_resort
 from service.daemon.network import Network
+from service.daemon.recording import begin_recorder
 from service.files import made_directory
 from service.fusion.local import LocalExecutor
 from service.messages.summary import BurstSummary, RunSummary
@@ -25,7 +28,8 @@ from service.sinks.foxglove_replay import Ask
 from service.sinks.metrics import Metrics
 from service.sinks.pictures import Pictures
 from service.sinks.publisher import PUBLISHER, Publisher
-from service.sinks.recorder import RECORDER, Recorder, recorder_of
+from service.sinks.recorder import Recorder, order_of
+from service.sinks.ros import ros_sink
 from service.sinks.sink import Sink
 from service.sinks.summaries import Summaries
 from service.wire.asking import Asking
@@ -34,8 +38,11 @@ from service.wire.session import open_session
 
 FUSED_FILE = "fused.mcap"
 
-_HANDOVER, _HANDOVER_TOLD = 30.0, 2.2
-"""Seconds that the sinks get at the end for what waits: after a whole run, and when told to stop."""
+_HANDOVER, _HANDOVER_TOLD, _HANDOVER_ABANDONED = 30.0, 2.2, 1.5
+"""Seconds that the sinks get at the end for what waits: after a whole run, when told to stop, and where a
+device does not let go."""
+
+_log = logging.getLogger(__name__)
 
 _REPLAY_TIMEOUT = 2.0
 """Seconds that a viewer's playback control may take."""
@@ -52,6 +59,7 @@ def run_service(
     sinks: SinkMakers | None = None,
     executor: LocalExecutor | None = None,
     started: Callable[[Daemon], None] = lambda _: None,
+    abandoned: Callable[[Sequence[str]], None] | None = None,
 ) -> RunSummary:
     """Run the service until it is over, and hand everything over.
 
@@ -63,6 +71,8 @@ def run_service(
         sinks: more that take the events, by name.
         executor: fuses; None = one of its own, which is closed in the end.
         started: called with the daemon before it runs, so that it can be stopped.
+        abandoned: ends the process; called with what was lost, in another thread, where a device does not let
+            go though the service was told to stop. None = it is waited for.
 
     Raises:
         ConfigurationError: a sink that cannot be used.
@@ -85,17 +95,27 @@ def run_service(
         bus.add("summaries", lambda: Summaries(summaries))
         daemon.lookouts.append(Network(Links(session, configuration.zenoh.config), daemon.states).look)
         bus.add(PUBLISHER, lambda: _publisher(configuration, session, once))
-        if configuration.recording.enabled:
-            bus.add(RECORDER, lambda: recorder_of(configuration.recording), must_open=False)
+        begin_recorder(bus, configuration.recording, order_of(configuration.recording).wish)
         if configuration.metrics.enabled:
             bus.add("metrics", lambda: Metrics(Metrics.Options(port=configuration.metrics.port)))
+        if configuration.ros2.enabled:
+            bus.add("ros2", ros_sink(configuration.ros2, configuration.zenoh.config))
         if configuration.foxglove.enabled:
             bus.add("foxglove", lambda: Foxglove(configuration.foxglove, _replaying(configuration, session)))
         for name, make in (*_outputs(configuration, output, once).items(), *makers.items()):
             bus.add(name, make)
         stack.enter_context(commanded(daemon, session))
         started(daemon)
-        daemon.run()
+
+        def hand_over() -> None:
+            assert abandoned is not None
+            _log.error("a device does not let go: the service ends without it")
+            bus.close(_HANDOVER_ABANDONED, hurry=True)
+            executor.close()
+            abandoned(_lost(daemon, bus))
+
+        with nullcontext() if abandoned is None else last_resort(daemon.stop, hand_over):
+            daemon.run()
         if once and daemon.stop.is_set() and daemon.ledger.fused == 0:
             raise KeyboardInterrupt  # there is nothing to hand over
         publisher = bus.sink(PUBLISHER)
@@ -126,7 +146,6 @@ def _outputs(configuration: Configuration, output: Path | None, once: bool) -> d
         "fused file": lambda: Recorder(
             FileSeries(output / FUSED_FILE, section.rotate_size, budget),
             extras=Extras(section.points, section.depth_mm),
-            replays=True,
         )
     }
     if section.preview:

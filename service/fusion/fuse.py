@@ -12,6 +12,7 @@ from drivers.calibration import Calibration
 from drivers.frame import Frame
 from drivers.poses import relative_rotations
 from service.config.sections import FusionSection
+from service.fusion.motion import found_motion
 from service.messages.burst import Burst
 from service.messages.map import FusedMap
 from service.messages.report import BurstReport, Phases
@@ -62,6 +63,7 @@ def fuse_burst(burst: Burst, settings: FusionSection, progress: Progress | None 
         calibration=calibration,
         upsampling=settings.upsampling,
         seconds=time.perf_counter() - began,
+        registered=settings.register_poses,
     )
 
 
@@ -77,6 +79,7 @@ def map_of(
     seconds: float,
     missing: int = 0,
     notes: tuple[str, ...] = (),
+    registered: bool = False,
 ) -> FusedMap:
     """What the solver gives, with its depth and its report.
 
@@ -89,12 +92,16 @@ def map_of(
         seconds: from the frames to the map.
         missing: frames that the plan has, but the burst has not.
         notes: what else is to be said.
+        registered: whether its rotations were found in the frames, and are not what the stage says.
     """
     lens = calibration.distortion or None
     intrinsics = fused_intrinsics(calibration.intrinsics.matrix, upsampling)
     depth = depth_from_distance(fused.distance, intrinsics, lens)
     known = np.isfinite(fused.distance)
     spread, turns = fused.deviation[known], fused.rotations
+    motion = None
+    if registered and turns is not None:
+        motion = found_motion(turns[list(used)], [frames[k] for k in used], calibration)
     report = BurstReport(
         burst=number,
         timestamp=reference.timestamp,
@@ -119,6 +126,7 @@ def map_of(
         contradicted=fused.report.contradicted,
         shifts=tuple((float(dy), float(dx)) for dy, dx in fused.shifts),
         rotations=None if turns is None else tuple((float(x), float(y), float(z)) for x, y, z in turns),
+        motion=motion,
         seconds=Phases(
             registration=fused.report.seconds.registration, solve=fused.report.seconds.solve, total=seconds
         ),

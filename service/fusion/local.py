@@ -101,7 +101,7 @@ class LocalExecutor:
             self._closing = True
             self._changed.notify_all()
         self._worker.kill()
-        self._thread.join(5.0)
+        self._thread.join(1.0)
         for _, future, _ in self._jobs:
             future.cancel()
 

@@ -89,6 +89,15 @@ class SinkState(_Part):
     error: str | None = Field(None, description="Why it does not run, or its last fault; none = none.")
 
 
+class Drift(_Part):
+    """How far the distance of what stands still is off that of the first map: cameras warm up."""
+
+    distance: float = Field(description="Metres, > 0 farther.")
+    deviation: float = Field(ge=0, description="One standard deviation of it, metres.")
+    static: float = Field(ge=0, le=1, description="Share of the pixels that stand still.")
+    seconds: float = Field(description="Since the first map.")
+
+
 class Subscriber(_Part):
     """Somebody who says when messages are in hand."""
 
@@ -153,6 +162,10 @@ class Status(_Part):
     fusion: FusionState = FusionState()
     latency: float | None = Field(
         None, description="Seconds from the end of the last exposure of the last burst to its map."
+    )
+    temperature: float | None = Field(None, description="Of the camera, °C; none = it gives none.")
+    drift: Drift | None = Field(
+        None, description="Of the distance of what stands still; none = not known, or nothing stands still."
     )
     recorder: RecorderState | None = Field(None, description="What is recorded; none = no recorder.")
     sinks: tuple[SinkState, ...] = Field((), description="Who takes the events, and how that goes.")

@@ -140,7 +140,7 @@ class Worker:
         if process is not None:
             process.kill()
             with suppress(subprocess.TimeoutExpired):
-                process.wait(5.0)
+                process.wait(1.0)  # on a busy machine even that takes a while
         if channel is not None:
             channel.close()
 

@@ -11,7 +11,8 @@ from typing import Self
 from service.errors import SinkError
 from service.messages.events import Event
 from service.messages.status import SinkState
-from service.sinks.runner import Patience, SinkRunner
+from service.sinks.patience import Patience
+from service.sinks.runner import SinkRunner
 from service.sinks.sink import Sink
 
 _REMEMBERED = 1000

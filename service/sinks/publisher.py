@@ -20,7 +20,7 @@ from service.wire.addresses import DEFAULT_PREFIX
 from service.wire.encoding import encoding
 from service.wire.queries import Allowance
 from service.wire.receipts import Receipts
-from service.wire.sockets import bytes_under_way
+from service.wire.sockets import bytes_under_way, is_tcp, ports_of
 
 PUBLISHER = "publisher"
 """How the sink is called."""
@@ -218,13 +218,6 @@ class Publisher(Sink):
         return self._session.declare_queryable(key, reply, complete=True)
 
     def _under_way(self) -> int | None:
-        ports = []
-        for link in self._session.info.links():
-            if not link.src.startswith("tcp/") and not link.src.startswith("tls/"):
-                return None
-            ports.append((_port(link.src), _port(link.dst)))
-        return bytes_under_way(ports)
-
-
-def _port(locator: str) -> int:
-    return int(locator.partition("?")[0].rpartition(":")[2])
+        if not all(is_tcp(link.src) for link in self._session.info.links()):
+            return None
+        return bytes_under_way(ports_of(self._session))

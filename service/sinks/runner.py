@@ -4,7 +4,6 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from threading import Event as Flag
 from threading import Thread
 
@@ -14,31 +13,20 @@ from service.messages.events import Event, Logged
 from service.messages.status import SinkState
 from service.sinks.account import Account
 from service.sinks.attempt import Attempt
+from service.sinks.patience import Patience
 from service.sinks.queue import BoundedQueue
 from service.sinks.sink import Sink
 
-_PATIENCE = 10.0
-"""Seconds that a sink may hold back a lossless run before it is failed."""
-
-_HANG, _TIMES_USUAL = 10.0, 10.0
-"""A sink hangs that works on one event for that many seconds and that many times as long as ever before."""
+_TIMES_USUAL = 10.0
+"""A sink hangs that works on one event for that many times as long as ever before, and as it may at least."""
 
 _ABANDONED = 3
 """Hanging threads at most; then the sink waits until they come back."""
 
-_FIRST_WAIT, _LONGEST_WAIT = 0.5, 30.0
-"""Seconds before the first restart, and at most between later ones."""
+_LONGEST_WAIT = 30.0
+"""Seconds from one restart to the next, at most."""
 
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, slots=True)
-class Patience:
-    """Seconds: that a lossless run is held back, that an event may take, before the first restart."""
-
-    held: float = _PATIENCE
-    hang: float = _HANG
-    restart: float = _FIRST_WAIT
 
 
 class SinkRunner:
@@ -59,7 +47,7 @@ class SinkRunner:
         lasting: Callable[[], Sequence[Event]] = tuple,
         *,
         lossless: bool = False,
-        patience: Patience = Patience(),
+        patience: Patience = Patience(),  # noqa: B008 — frozen
     ) -> None:
         self.name, self._account = name, Account(name)
         self._make, self._lasting, self._lossless, self._patience = make, lasting, lossless, patience

@@ -12,7 +12,9 @@ from typing import Literal
 import zenoh
 
 from service.errors import SessionError
+from service.leaving import leave_behind
 from service.wire.addresses import DEFAULT_ENDPOINT
+from service.wire.links import address_of
 from service.wire.sockets import holder
 from service.wire.zenoh_file import ZenohFile, brief
 
@@ -87,9 +89,8 @@ def _close(session: zenoh.Session) -> None:
     closing.start()
     closing.join(_CLOSING)
     if closing.is_alive():
-        _log.warning(
-            "the Zenoh session did not close within %g s: a subscriber has stopped reading", _CLOSING
-        )
+        leave_behind(closing)
+        _log.warning("the Zenoh session did not close in %g s: a subscriber has stopped reading", _CLOSING)
 
 
 def _configuration(
@@ -110,7 +111,7 @@ def _configuration(
             if not told.says(key):
                 told.config.insert_json5(key, value)
     except zenoh.ZError as error:
-        endpoints = ", ".join([*listen, *connect])
+        endpoints = ", ".join(map(address_of, [*listen, *connect]))
         raise SessionError(
             f"Zenoh refuses an endpoint of {endpoints}: {brief(str(error))}; expected for example "
             f"{DEFAULT_ENDPOINT}"
@@ -128,6 +129,6 @@ def _explain(error: str, config: zenoh.Config) -> str:
             f'(listen: {{ endpoints: ["tcp/127.0.0.1:7448"] }}) given as zenoh.config'
         )
     return (
-        f"cannot open the Zenoh session (listen {config.get_json('listen/endpoints')}, connect "
-        f"{config.get_json('connect/endpoints')}): {brief(error)}"
+        f"cannot open the Zenoh session (listen {brief(config.get_json('listen/endpoints'))}, connect "
+        f"{brief(config.get_json('connect/endpoints'))}): {brief(error)}"
     )

@@ -1,7 +1,7 @@
 """How soon commands are answered that touch no device and wait for no burst, under full load.
 
-Run by `daemon_rates.py --only commands`: a service that scans and fuses as fast as it can, recording, with a
-subscriber; then the same with a camera that has stopped answering. Commands come from a process of its own.
+Run by `daemon_rates.py --only commands`: an idle service, for comparison; one that scans and fuses as fast as
+it can, recording; and the same with a camera that has stopped answering. Commands come from another process.
 """
 
 import json
@@ -25,7 +25,8 @@ taken = []
 with zenoh.open(config) as session:
     while True:
         status = list(session.get("lidarboost/rig/status", timeout=1.0))
-        if status and status[0].ok and json.loads(status[0].ok.payload.to_bytes())["totals"]["fused"] >= 3:
+        told = json.loads(status[0].ok.payload.to_bytes()) if status and status[0].ok else {}
+        if told and (told["state"] == "idle" or told["totals"]["fused"] >= 3):
             break
         time.sleep(0.2)
     print("ready", flush=True)
@@ -58,7 +59,7 @@ run(Path(sys.argv[1]), None, None, False, False, False, None, True)
 """
 
 
-def answers(config: Path, endpoint: str, root: Path, *, stuck: bool) -> list[float]:
+def answers(config: Path, endpoint: str, root: Path, *, stuck: bool = False) -> list[float]:
     """Seconds that each command took, while the service of that configuration works."""
     flag = config.with_name("stuck")
     serve = [sys.executable, "-c", STUCK, str(config), str(flag)]

@@ -200,11 +200,12 @@ def command(folder: Path, runs: int = 5) -> Iterator[str]:
 
 
 def commands(folder: Path) -> Iterator[str]:
-    """Asked from outside while it scans and fuses, and while its camera has stopped answering."""
-    for situation, stuck in (("scanning and fusing", False), ("with a stuck camera", True)):
+    """Asked from outside while it idles, while it scans and fuses, and while its camera is stuck."""
+    for situation in ("idle", "scanning and fusing", "with a stuck camera"):
         place = folder / situation.replace(" ", "-")
         place.mkdir()
         lines = (
+            f'start = "{"idle" if situation == "idle" else "scan"}"',
             *CAMERA,
             "integration_time = 0.005",
             "[stage]",
@@ -217,7 +218,7 @@ def commands(folder: Path) -> Iterator[str]:
             f'directory = "{place / "kept"}"',
         )
         with rig(place, *lines) as (endpoint, config):
-            yield from told(answers(config, endpoint, ROOT, stuck=stuck), situation)
+            yield from told(answers(config, endpoint, ROOT, stuck="stuck" in situation), situation)
 
 
 def main() -> None:

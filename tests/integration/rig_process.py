@@ -43,7 +43,9 @@ register_poses = false
 frames = 5
 [recording]
 enabled = true
-directory = "{folder}/recordings"
+directory = "{folder}/disk/recordings"
+rotate_size = 8
+budget = 32
 [zenoh]
 config = "{folder}/zenoh.json5"
 """
@@ -71,7 +73,7 @@ class RigProcess:
         self.log, self.config = folder / "log.txt", folder / "rig.toml"
         (folder / "zenoh.json5").write_text(json.dumps({"listen": {"endpoints": [self.endpoint]}}))
         self.config.write_text(text.format(folder=folder, devices=devices, start=start))
-        program = _WITH_CAMERA if devices == PLUGGED else _SERVICE
+        program = _WITH_CAMERA if devices.startswith(PLUGGED) else _SERVICE
         with self.log.open("wb") as log:
             self.process = subprocess.Popen(
                 [sys.executable, *program, "run", str(self.config)],
@@ -117,12 +119,15 @@ class RigProcess:
         """The status, once it is in a state."""
         return self.wait(lambda told: told["state"] == state, seconds)
 
-    def end(self, number: int = signal.SIGTERM) -> tuple[int, float]:
-        """Send a signal; the exit status, and the seconds that it took."""
+    def end(self, number: int = signal.SIGTERM) -> float:
+        """Send a signal; the seconds until it ended, with status 0, or 3 where it says that data was lost."""
         began = time.monotonic()
         self.process.send_signal(number)
         status = self.process.wait(30)
-        return status, time.monotonic() - began
+        seconds = time.monotonic() - began
+        said = self.log.read_text()
+        assert status == (3 if "lost:" in said else 0), said
+        return seconds
 
     def close(self) -> None:
         self.process.kill()

@@ -135,9 +135,9 @@ def test_every_field_says_what_it_means_and_every_number_is_bounded() -> None:
             assert field.get("description"), f"{section['title']}.{name} says nothing"
             for choice in field.get("anyOf", [field]):
                 if choice.get("type") in ("number", "integer"):
-                    assert {"minimum", "exclusiveMinimum", "enum"} & choice.keys(), (
-                        f"{section['title']}.{name}"
-                    )
+                    named = f"{section['title']}.{name}"
+                    assert {"minimum", "exclusiveMinimum", "enum"} & choice.keys(), named
+                    assert {"maximum", "exclusiveMaximum", "enum"} & choice.keys(), named
 
 
 def test_the_schema_holds_the_options_of_the_backend_that_is_named() -> None:

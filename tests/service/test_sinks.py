@@ -9,7 +9,7 @@ import pytest
 from service.errors import EncodingError, SinkError
 from service.messages.events import Event, Logged, StateChanged
 from service.sinks.bus import Bus
-from service.sinks.runner import Patience
+from service.sinks.patience import Patience
 from service.sinks.sink import Room, Sink
 
 QUICK = Patience(held=0.4, hang=0.4, restart=0.02)
