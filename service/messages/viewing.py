@@ -114,9 +114,9 @@ def depth_mm_message(result: FusedMap) -> Message:
             ),
             np.float32,
         )
-    with np.errstate(invalid="ignore"):
-        known = (metres > 0) & (metres < (_MOST_MILLIMETRES + 0.5) / 1000)
-    millimetres = np.where(known, np.rint(np.where(known, metres, 0) * 1000), 0).astype(np.uint16)
+    scaled = np.nan_to_num(metres, nan=0.0, posinf=0.0, neginf=0.0) * np.float32(1000) + np.float32(0.5)
+    scaled[(scaled < 0) | (scaled >= _MOST_MILLIMETRES + 1)] = 0
+    millimetres = scaled.astype(np.uint16)
     at = result.frame.timestamp, result.frame.sequence
     return image_message(FUSED_DEPTH_MM, millimetres, "16UC1", FUSED_FRAME_ID, *at)
 
