@@ -1,0 +1,87 @@
+// How the rig is doing: what is degraded and what mends it, and plots over the last minutes.
+
+import { useMemo } from "../../vendor/hooks.js";
+import { html } from "../html.js";
+import { samples, status, useStore } from "../store.js";
+import { bytes, short, span } from "../format.js";
+import { axis, Chart, colour } from "./chart.js";
+import { Figure } from "./panel.js";
+import { theme } from "./theme.js";
+
+/** Title, the fields of a sample, their names, and what they are multiplied with. */
+const PLOTS = [
+  ["Rates", "per second", ["frames", "fused"], ["frames", "maps"], 1],
+  ["Lost", "per second", ["dropped", "skipped", "failed"], ["frames", "without map", "failed"], 1],
+  ["Latency", "s", ["latency"], ["last frame to map"], 1],
+  ["Disk", "GB free", ["free"], ["free"], 1e-9],
+];
+const INKS = ["accent", "second", "bad"];
+
+export function Health() {
+  const told = useStore(status), all = useStore(samples), mode = useStore(theme);
+  return html`<div class="health">
+    <${Troubles} told=${told} />
+    <${Figures} told=${told} />
+    ${PLOTS.map(([title, unit, fields, names, factor]) => html`<${History} key=${title} title=${title} unit=${unit}
+      fields=${fields} names=${names} factor=${factor} all=${all} mode=${mode} />`)}
+  </div>`;
+}
+
+function Troubles({ told }) {
+  const troubles = told?.degraded ?? [];
+  const fault = told?.error?.what;
+  if (troubles.length === 0 && !fault) return html`<p class="fine">${told ? "Nothing is degraded." : "Nothing is known yet."}</p>`;
+  return html`<ul class="troubles" aria-label="Degraded">
+    ${troubles.map(({ what, remedy, seconds }) => html`<li><b>${what}</b> <small>for ${span(seconds)}</small>
+      ${remedy && html`<p>${remedy}</p>`}</li>`)}
+    ${fault && html`<li><b>${fault}</b><p>The last error of capture or fusion.</p></li>`}</ul>`;
+}
+
+function Figures({ told }) {
+  if (!told) return null;
+  const lost = Object.entries(told.drops).filter(([name, count]) => count > 0 && name !== "stale");
+  const { disk, in_force: force } = told;
+  const rows = [
+    ["Frames", `${short(told.rates.frames)} /s`], ["Maps", `${short(told.rates.fused)} /s`], ["Latency", span(told.latency)],
+    ["Source", told.source ?? "none"], ["Method", `${force.method} ×${force.upsampling}`], ["Up for", span(told.uptime)],
+    ["Disk free", bytes(disk?.free)], ["Recording left", disk?.minutes == null ? "–" : span(60 * disk.minutes)],
+    ["Recorded", told.recorder ? bytes(told.recorder.size) : "–"],
+  ];
+  return html`<dl class="figures">${rows.map(([name, value]) => html`<${Figure} name=${name} value=${value} />`)}
+    <${Figure} name="Lost since the start" kind=${lost.length ? "wide warn" : "wide"}
+      value=${lost.length ? lost.map(([name, count]) => `${count} ${name}`).join(", ") : "nothing"} /></dl>`;
+}
+
+function History({ title, unit, fields, names, factor, all, mode }) {
+  const data = useMemo(() => columns(all, fields, factor), [all]);
+  const make = useMemo(() => () => options(fields), [title]);
+  const now = all.at(-1);
+  return html`<div class="history"><div class="bar-head"><b>${title}</b><small>${unit}</small>
+      ${fields.map((field, i) => html`<span class=${`key ${INKS[i]}`}>${names[i]} <b>${now ? short(now[field] == null ? null : now[field] * factor) : "–"}</b></span>`)}</div>
+    <${Chart} make=${make} data=${data} theme=${mode} label=${`${title}, ${unit}, over the last ${Math.round(all.length / 60)} minutes`} /></div>`;
+}
+
+/** uPlot's columns; a second without a sample is a gap. */
+function columns(all, fields, factor) {
+  const found = [[], ...fields.map(() => [])];
+  let before = Infinity;
+  for (const sample of all) {
+    if (sample.time - before > 3) [sample.time - 1, ...fields.map(() => null)].forEach((value, i) => found[i].push(value));
+    found[0].push(sample.time);
+    fields.forEach((field, i) => found[i + 1].push(sample[field] == null ? null : sample[field] * factor));
+    before = sample.time;
+  }
+  return found;
+}
+
+function options(fields) {
+  return {
+    legend: { show: false }, cursor: { show: false }, padding: [6, 6, 0, 0],
+    scales: { x: { time: true }, y: { range: (_, low, high) => [0, Math.max(high * 1.15, 1e-3) || 1] } },
+    series: [{}, ...fields.map((_, i) => ({ stroke: colour(INKS[i]), width: 1.4, points: { show: false } }))],
+    axes: [
+      axis({ size: 20, space: 70, values: "{HH}:{mm}" }),
+      axis({ size: 40, space: 24, values: (_, ticks) => ticks.map(short) }),
+    ],
+  };
+}

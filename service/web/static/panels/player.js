@@ -1,0 +1,40 @@
+// The time line of a recording that is played.
+
+import { useState } from "../../vendor/hooks.js";
+import { html } from "../html.js";
+import { position } from "../format.js";
+import { ask } from "./actions.js";
+
+const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10, 100];
+
+export function Player({ played }) {
+  const [dragged, setDragged] = useState(null);
+  const { file, mode, playing, ended, speed, loop, seconds, duration, frame, frames, burst, bursts, gaps, error } = played;
+  const at = dragged ?? seconds;
+  const seek = (place) => ask("cmd/replay", "seek", place);
+  const sought = async (event) => {
+    await seek({ seconds: Math.min(duration, Number(event.target.value)) });
+    setDragged(null);
+  };
+  const back = mode === "scan" ? { burst: Math.max(0, burst - 1) } : { frame: Math.max(0, frame - 1) };
+  const button = (label, click, text, off = false) => html`<button type="button" aria-label=${label} title=${label}
+    disabled=${off} onClick=${click}>${text}</button>`;
+  return html`<div class="player" role="group" aria-label="Replay">
+    <div class="bar-head"><b>${file}</b><span class="number">${position(at)} / ${position(duration)}</span></div>
+    <input type="range" class="time" min="0" max=${duration || 1} step="any" value=${at} aria-label="Time line"
+      aria-valuetext=${`${position(at)} of ${position(duration)}`}
+      onInput=${(event) => setDragged(Number(event.target.value))} onChange=${sought} />
+    <div class="player-tools">
+      ${button("Step back", () => seek(back), "⏮", frame === 0)}
+      ${playing ? button("Pause replay", () => ask("cmd/replay", "pause"), "⏸") : button("Play", () => ask("cmd/replay", "play"), "⏵")}
+      ${button("Step", () => ask("cmd/replay", "step", {}, 300), "⏭", ended)}
+      <label>Speed <select value=${speed === null ? "" : String(speed)} onChange=${(event) => ask("cmd/replay", "speed",
+        { speed: event.target.value === "" ? null : Number(event.target.value) })}>
+        ${SPEEDS.map((times) => html`<option value=${String(times)}>${times}×</option>`)}<option value="">fastest</option></select></label>
+      <button type="button" aria-pressed=${String(loop)} onClick=${() => ask("cmd/replay", "loop", { loop: !loop })}>Loop</button>
+      <button type="button" onClick=${() => ask("cmd/replay", "stop")}>End</button>
+    </div>
+    <p class="fine">burst ${Math.min(burst + 1, bursts)} of ${bursts} · frame ${Math.min(frame + 1, frames)} of ${frames}${ended ? " · at its end" : ""}
+      ${gaps?.length > 0 && ` · ${played.gap_count} gaps of its clock`}</p>
+    ${error && html`<p class="said bad">${error}</p>`}</div>`;
+}
