@@ -39,6 +39,7 @@ COMMANDS: dict[str, Entry] = {
     "status": Entry("service.cli.status", "status", "Show how a running service is doing.", _LIVE),
     "get": Entry("service.cli.get", "get", "Show or save the latest value of a topic.", _LIVE),
     "watch": Entry("service.cli.watch", "watch", "Print the messages of a topic as they come.", _LIVE),
+    "view": Entry("service.cli.view", "view", "Look at a rig in a browser.", _LIVE),
     "scan": Entry("service.cli.scan", "app", "Have it scan: start, stop, cancel, once, pause …", _LIVE),
     "stream": Entry("service.cli.stream", "app", "Have it fuse every frame: start, stop.", _LIVE),
     "record": Entry("service.cli.record", "app", "Record; list, keep, fetch, save recordings.", _LIVE),
@@ -69,7 +70,7 @@ COMMANDS: dict[str, Entry] = {
 }
 """Every command, in the order that help shows them."""
 
-_STOPPING = frozenset({"run", "capture"})
+_STOPPING = frozenset({"run", "capture", "view"})
 """Commands for which a signal is a wish to stop, and no interruption."""
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from service.capture.grabber import CaptureCounts
 from service.capture.rig import Rig
+from service.daemon.disk import DiskWatch
 from service.daemon.playing import Playing
 from service.daemon.systemd import WATCHDOG, notify
 from service.fusion.executor import Executor
@@ -29,13 +30,20 @@ class Monitor:
         daemon: the run.
         executor: who fuses.
         bus: who takes events.
+        disk: where recordings go.
     """
 
     def __init__(
-        self, rig: Rig, capture: CaptureCounts, daemon: Daemon, executor: Executor, bus: Bus
+        self,
+        rig: Rig,
+        capture: CaptureCounts,
+        daemon: Daemon,
+        executor: Executor,
+        bus: Bus,
+        disk: DiskWatch,
     ) -> None:
         self._rig, self._capture, self._daemon = rig, capture, daemon
-        self._executor, self._bus = executor, bus
+        self._executor, self._bus, self._disk = executor, bus, disk
         self._began = time.monotonic()
         self._seen = -1
         self._error: LastError | None = None
@@ -56,6 +64,7 @@ class Monitor:
         fusion, sinks = self._executor.state, self._bus.states
         lost = {sink.name: sink.dropped for sink in sinks}
         recorder, camera = self._bus.sink(RECORDER), daemon.camera
+        recording = recorder.state if isinstance(recorder, Recorder) else None
         return Status(
             timestamp=self._rig.clock.now() + self._rig.clock.correction(),
             version=software_version(),
@@ -87,7 +96,8 @@ class Monitor:
             ),
             fusion=fusion,
             latency=ledger.latency,
-            recorder=recorder.state if isinstance(recorder, Recorder) else None,
+            recorder=recording,
+            disk=self._disk.state(recording),
             sinks=sinks,
             commands=daemon.command_counts(),
             in_force=self._in_force(),

@@ -10,6 +10,7 @@ from service.capture.rig import Rig
 from service.config.sections import Configuration
 from service.daemon.commanded import commanded
 from service.daemon.daemon import Daemon
+from service.daemon.page import kept_page
 from service.files import made_directory
 from service.fusion.local import LocalExecutor
 from service.messages.summary import BurstSummary, RunSummary
@@ -77,6 +78,8 @@ def run_service(
         for name, make in (*_outputs(configuration, output, once).items(), *makers.items()):
             bus.add(name, make)
         stack.enter_context(commanded(daemon, session))
+        if configuration.web.enabled and not once:
+            stack.enter_context(kept_page(configuration, daemon.states))
         started(daemon)
         daemon.run()
         if once and daemon.stop.is_set() and daemon.ledger.fused == 0:
