@@ -4,6 +4,7 @@
 export function short(value) {
   if (value === null || value === undefined || Number.isNaN(value)) return "–";
   if (value === 0) return "0";
+  if (Math.abs(value) >= 10000) return Math.round(value).toLocaleString("en").replaceAll(",", "\u2009");
   const digits = Math.max(0, 2 - Math.floor(Math.log10(Math.abs(value))));
   return value.toFixed(Math.min(digits, 6)).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, "");
 }

@@ -30,7 +30,6 @@ export function connect() {
   socket.onopen = () => {
     wait = SHORTEST;
     store.connection.set({ state: "open" });
-    show();
   };
   socket.onmessage = ({ data }) => (typeof data === "string" ? take(JSON.parse(data)) : takePicture(data));
   socket.onclose = closed;
@@ -85,7 +84,9 @@ function show() {
   asking = true;
   queueMicrotask(() => {
     asking = false;
-    send({ type: "show", images: document.hidden ? [] : [...new Set([...wanted.values()].flat())] });
+    const topics = new Set([...wanted.values()].flat());
+    const images = document.hidden ? [] : store.offered.value.filter((topic) => topics.has(topic));
+    if (store.offered.value.length > 0) send({ type: "show", images });
   });
 }
 document.addEventListener("visibilitychange", () => {
@@ -100,9 +101,11 @@ async function takePicture(buffer) {
 }
 
 const handlers = {
-  hello: () => {
+  hello: ({ images }) => {
     store.log.set([]);
     store.samples.set([]);
+    store.offered.set(images);
+    show();
   },
   link: (message) => store.rigLink.set(message),
   rig: (message) => store.rig.set(message),
@@ -113,7 +116,10 @@ const handlers = {
   burst: ({ burst }) => store.bursts.set([burst, ...store.bursts.value].slice(0, MOST_BURSTS)),
   message: ({ topic, value }) => MESSAGES[topic]?.set(value),
   answer: ({ id, value }) => settle(id, ({ resolve }) => resolve(value)),
-  error: ({ id, code, message }) => settle(id, ({ reject }) => reject(new CommandError(code, message))),
+  error: ({ id, code, message }) => {
+    if (id === null) console.error(message);
+    else settle(id, ({ reject }) => reject(new CommandError(code, message)));
+  },
 };
 
 function take(message) {

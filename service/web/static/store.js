@@ -40,6 +40,8 @@ const IMAGES = [
 export const images = Object.fromEntries(IMAGES.map((topic) => [topic, new Store(null)]));
 
 export const connection = new Store({ state: "connecting" });
+/** The images that the server can bring. */
+export const offered = new Store([]);
 export const rigLink = new Store({ up: false, message: "" });
 export const rig = new Store(null);
 export const status = new Store(null);

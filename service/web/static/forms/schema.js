@@ -35,8 +35,9 @@ function field(name, property, models) {
 
 /** The bounds of a number in words, such as `0 < … ≤ 0.1`. */
 function bounds({ minimum, exclusiveMinimum, maximum, exclusiveMaximum }) {
-  const low = minimum !== undefined ? `${minimum} ≤ ` : exclusiveMinimum !== undefined ? `${exclusiveMinimum} < ` : "";
-  const high = maximum !== undefined ? ` ≤ ${maximum}` : exclusiveMaximum !== undefined ? ` < ${exclusiveMaximum}` : "";
+  const told = (value) => (Math.abs(value) < 1e5 ? String(value) : value.toExponential().replace("e+", "e"));
+  const low = minimum !== undefined ? `${told(minimum)} ≤ ` : exclusiveMinimum !== undefined ? `${told(exclusiveMinimum)} < ` : "";
+  const high = maximum !== undefined ? ` ≤ ${told(maximum)}` : exclusiveMaximum !== undefined ? ` < ${told(exclusiveMaximum)}` : "";
   return low || high ? `${low}…${high}` : "";
 }
 

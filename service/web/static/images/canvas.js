@@ -2,7 +2,7 @@
 
 import { useEffect, useRef } from "../../vendor/hooks.js";
 import { html } from "../html.js";
-import { colourTable, mapOf, paint, REASON_COLOURS } from "./colours.js";
+import { colourTable, mapOf, paint, REASON_COLOURS, scaleOf } from "./colours.js";
 import { REASONS } from "./picture.js";
 import { short } from "../format.js";
 
@@ -33,16 +33,17 @@ export function ColourBar({ picture, low, high, value }) {
     context.putImageData(row, 0, 0);
   }, [map, picture?.dtype]);
   if (picture?.dtype === "uint8") return html`<${ReasonKey} />`;
-  const milli = picture?.unit === "m" && high < 0.1;
+  const milli = Boolean(picture?.topic.endsWith("deviation"));
   const unit = milli ? "mm" : picture?.unit;
-  const ticks = [0, 0.25, 0.5, 0.75, 1].map((t) => short((low + t * (high - low)) * (milli ? 1000 : 1)));
-  const place = (value - low) / (high - low);
+  const scale = picture && scaleOf(picture, low, high);
+  const ticks = picture ? [0, 0.25, 0.5, 0.75, 1].map((t) => short(scale.value(t) * (milli ? 1000 : 1))) : [];
+  const place = picture ? scale.place(value) : NaN;
   const known = Number.isFinite(place);
   return html`<div class="colour-bar" role="img"
       aria-label=${picture ? `colours from ${ticks[0]} to ${ticks[4]} ${unit}` : "colours"}>
     <div class="gradient"><canvas ref=${ref} width="256" height="1"></canvas>
       ${known && html`<i class="mark" style=${{ left: `${100 * Math.max(0, Math.min(1, place))}%` }}></i>`}</div>
-    <div class="ticks">${picture && ticks.map((tick, i) => html`<span>${tick}${i === 4 ? ` ${unit}` : ""}</span>`)}</div>
+    <div class="ticks">${ticks.map((tick, i) => html`<span>${tick}${i === 4 ? ` ${unit}` : ""}</span>`)}</div>
   </div>`;
 }
 

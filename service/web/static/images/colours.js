@@ -22,7 +22,9 @@ export const REASON_COLOURS = [
 
 const clamp = (value) => Math.max(0, Math.min(255, Math.round(value)));
 
-function turbo(t) {
+/** Without the darkest ends, in which no shading would be seen. */
+function turbo(place) {
+  const t = 0.06 + 0.86 * place;
   return TURBO.map((terms) => clamp(255 * terms.reduceRight((sum, term) => sum * t + term, 0)));
 }
 
@@ -52,31 +54,37 @@ export function mapOf(topic) {
   return topic.endsWith("deviation") ? "viridis" : "turbo";
 }
 
-const pack = ([r, g, b]) => (255 << 24) | (b << 16) | (g << 8) | r;
-
-/**
- * Table of 65,536 packed RGBA pixels for quantised values of a picture between `low` and `high`.
- * Value 0, unknown, stays transparent.
- */
-export function pixelTable(picture, name, low, high) {
-  const table = new Int32Array(65536);
-  const packed = colourTable(name).map(pack);
-  const factor = 255 / Math.max(high - low, 1e-9);
-  for (let q = 1; q < 65536; q++) {
-    const t = (picture.offset + picture.scale * q - low) * factor;
-    table[q] = packed[t > 255 ? 255 : t < 0 ? 0 : t | 0];
+/** From values to places 0 … 1 on the colour bar, and back: deviations by their logarithm. */
+export function scaleOf(picture, low, high) {
+  if (!picture.topic.endsWith("deviation")) {
+    const width = Math.max(high - low, 1e-9);
+    return { place: (value) => (value - low) / width, value: (place) => low + place * width };
   }
-  return table;
+  const start = Math.log(Math.max(low, 1e-6)), width = Math.max(Math.log(high) - start, 1e-9);
+  return { place: (value) => (Math.log(value) - start) / width, value: (place) => Math.exp(start + place * width) };
 }
 
-/** The picture as RGBA, coloured. */
+/** Which of the 256 colours each of the 65,536 quantised values of a picture has. */
+export function colourIndices(picture, low, high) {
+  const { place } = scaleOf(picture, low, high), indices = new Uint8ClampedArray(65536);
+  for (let q = 1; q < 65536; q++) indices[q] = 255 * place(picture.offset + picture.scale * q);
+  return indices;
+}
+
+const pack = ([r, g, b]) => (255 << 24) | (b << 16) | (g << 8) | r;
+
+/** The picture as RGBA, coloured; what is unknown stays transparent. */
 export function paint(picture, low, high) {
   const image = new ImageData(picture.width, picture.height);
   const pixels = new Int32Array(image.data.buffer);
-  const table = picture.dtype === "uint8"
-    ? Int32Array.from(REASON_COLOURS, pack)
-    : pixelTable(picture, mapOf(picture.topic), low, high);
   const { values } = picture;
-  for (let i = 0; i < pixels.length; i++) pixels[i] = table[values[i]];
+  if (picture.dtype === "uint8") {
+    const table = Int32Array.from(REASON_COLOURS, pack);
+    for (let i = 0; i < pixels.length; i++) pixels[i] = table[values[i]];
+  } else {
+    const indices = colourIndices(picture, low, high);
+    const table = Int32Array.from(colourTable(mapOf(picture.topic)), pack);
+    for (let i = 0; i < pixels.length; i++) pixels[i] = values[i] === 0 ? 0 : table[indices[values[i]]];
+  }
   return image;
 }

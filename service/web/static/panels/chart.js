@@ -31,7 +31,7 @@ export function Chart({ make, data, label, name = "", theme }) {
 /** An axis of the page's ink and hair lines. */
 export function axis(more = {}) {
   return {
-    stroke: colour("muted"), font: "11px system-ui, sans-serif", gap: 3,
+    stroke: colour("muted"), font: "11px system-ui, sans-serif", gap: 5,
     grid: { stroke: colour("line"), width: 1 }, ticks: { show: false }, ...more,
   };
 }

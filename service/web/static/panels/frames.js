@@ -3,7 +3,7 @@
 import { useEffect, useState } from "../../vendor/hooks.js";
 import { html } from "../html.js";
 import { PictureCanvas } from "../images/canvas.js";
-import { measured } from "../format.js";
+import { measured, short } from "../format.js";
 import { want } from "../link.js";
 import { images, useStore } from "../store.js";
 import { Panel } from "./panel.js";
@@ -36,7 +36,7 @@ function Raw({ topic, name }) {
 /** The value under the pointer, else from where to where the values go. */
 function caption(picture, place) {
   if (!picture) return "";
-  if (!place) return `${measured(picture.low, picture.unit)} – ${measured(picture.high, picture.unit)}`;
+  if (!place) return `${short(picture.low)} – ${short(picture.high)} ${picture.unit}`;
   const [x, y] = [Math.floor(place[0] * picture.width), Math.floor(place[1] * picture.height)];
   const inside = x >= 0 && y >= 0 && x < picture.width && y < picture.height;
   const value = inside ? picture.at(x, y) : NaN;

@@ -3,7 +3,7 @@
 import { useMemo } from "../../vendor/hooks.js";
 import { html } from "../html.js";
 import { samples, status, useStore } from "../store.js";
-import { bytes, short, span } from "../format.js";
+import { bytes, clock, short, span } from "../format.js";
 import { axis, Chart, colour } from "./chart.js";
 import { Figure } from "./panel.js";
 import { theme } from "./theme.js";
@@ -11,7 +11,7 @@ import { theme } from "./theme.js";
 /** Title, the fields of a sample, their names, and what they are multiplied with. */
 const PLOTS = [
   ["Rates", "per second", ["frames", "fused"], ["frames", "maps"], 1],
-  ["Lost", "per second", ["dropped", "skipped", "failed"], ["frames", "without map", "failed"], 1],
+  ["Lost", "per second", ["dropped", "skipped", "failed"], ["frames", "maps", "failed"], 1],
   ["Latency", "s", ["latency"], ["last frame to map"], 1],
   ["Disk", "GB free", ["free"], ["free"], 1e-9],
 ];
@@ -77,11 +77,11 @@ function columns(all, fields, factor) {
 function options(fields) {
   return {
     legend: { show: false }, cursor: { show: false }, padding: [6, 6, 0, 0],
-    scales: { x: { time: true }, y: { range: (_, low, high) => [0, Math.max(high * 1.15, 1e-3) || 1] } },
+    scales: { x: { time: true }, y: { range: (_, low, high) => [0, high > 0 ? 1.15 * high : 1] } },
     series: [{}, ...fields.map((_, i) => ({ stroke: colour(INKS[i]), width: 1.4, points: { show: false } }))],
     axes: [
-      axis({ size: 20, space: 70, values: "{HH}:{mm}" }),
-      axis({ size: 40, space: 24, values: (_, ticks) => ticks.map(short) }),
+      axis({ size: 24, space: 70, values: (_, ticks, __, ___, step) => ticks.map((t) => clock(t).slice(step < 60 ? 3 : 0, step < 60 ? 8 : 5)) }),
+      axis({ size: 42, space: 24, values: (_, ticks) => ticks.map(short) }),
     ],
   };
 }

@@ -7,9 +7,10 @@ import { REASONS } from "../images/picture.js";
 import { pointing } from "../images/pointing.js";
 import { measured } from "../format.js";
 import { want } from "../link.js";
-import { images, line, probe, useStore } from "../store.js";
+import { images, line, offered, probe, useStore } from "../store.js";
 import { Choice, Figure, Panel } from "./panel.js";
 
+/** What can be shown; what the server does not offer is left out. */
 const LAYERS = [
   ["fused/depth", "Depth"], ["fused/deviation", "Deviation"], ["fused/amplitude", "Amplitude"],
   ["fused/reason", "Reason"], ["compare", "Compare"],
@@ -22,8 +23,10 @@ export function MapPanel() {
   const depth = useStore(images["fused/depth"]), place = useStore(probe);
   const picture = useStore(images[layer === "compare" ? "fused/depth" : layer]);
   useEffect(() => want(layer === "compare" ? [...FUSED, "camera/depth"] : FUSED), [layer]);
+  const known = useStore(offered);
+  const layers = LAYERS.filter(([topic]) => topic === "compare" || known.includes(topic));
   const value = picture && place ? valueAt(picture, place) : NaN;
-  const tools = html`<${Choice} label="What the map shows" options=${LAYERS} value=${layer} onChange=${setLayer} />
+  const tools = html`<${Choice} label="What the map shows" options=${layers} value=${layer} onChange=${setLayer} />
     <button type="button" class="tool" aria-pressed=${String(drawing)} title="A finger draws a line; a mouse always does"
       onClick=${() => setDrawing(!drawing)}>Line</button>`;
   return html`<${Panel} name="map" title="Map" tools=${tools}>
@@ -82,11 +85,11 @@ function cross({ x, y }, width, height) {
 function Readout() {
   const place = useStore(probe);
   const [depth, deviation, amplitude, reason] = FUSED.map((topic) => useStore(images[topic]));
-  const tell = (picture) => (picture && place ? measured(valueAt(picture, place), picture.unit) : "–");
+  const tell = (picture) => (picture && place ? measured(valueAt(picture, place), picture.unit === "m" ? "m" : "") : "–");
   const why = reason && place ? REASONS[valueAt(reason, place)] ?? "–" : "–";
   return html`<dl class="readout" aria-live="polite" aria-atomic="true">
     <${Figure} name="Depth" value=${tell(depth)} kind="main" />
-    <${Figure} name="Deviation" value=${deviation ? `± ${tell(deviation)}` : "–"} />
+    <${Figure} name="Deviation" value=${tell(deviation).replace(/^(?=\d)/, "± ")} />
     <${Figure} name="Amplitude" value=${tell(amplitude)} />
     <${Figure} name="Reason" value=${why} />
     <${Figure} name="Column, row" value=${place ? `${place.x}, ${place.y}` : "–"} />

@@ -57,7 +57,7 @@ function options() {
     ],
     bands: [{ series: [4, 3], fill: `color-mix(in srgb, ${accent} 22%, transparent)` }],
     axes: [
-      axis({ size: 22, values: (_, ticks) => ticks.map((t) => `${t} px`) }),
+      axis({ size: 25, values: (_, ticks) => ticks.map((t) => `${t} px`) }),
       axis({ size: 46, values: (_, ticks) => ticks.map((t) => `${t} m`) }),
     ],
   };

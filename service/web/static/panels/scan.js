@@ -69,7 +69,7 @@ function PlanPicture({ plan, captured }) {
   const middle = (v) => (Math.min(...v) + Math.max(...v)) / 2;
   const size = Math.max(Math.max(...xs) - Math.min(...xs), Math.max(...ys) - Math.min(...ys)) || 1;
   const at = ([x, y]) => [50 + (80 * (x - middle(xs))) / size, 50 + (80 * (y - middle(ys))) / size];
-  const dots = places.map(at), whole = unit === "°" ? captured : places.length;
+  const dots = places.map(at), whole = captured > 0 ? captured : unit === "°" ? 0 : places.length;
   return html`<figure class="plan"><svg viewBox="0 0 100 100" role="img"
       aria-label=${`${name}: ${places.length}, ${short(size)}${unit} wide; ${whole} captured`}>
     <polyline points=${dots.map((dot) => dot.join()).join(" ")} />

@@ -1,9 +1,11 @@
 // A depth map as triangles: positions, colours with the light in them, and no triangle across an edge.
 
+import { colourIndices, colourTable, mapOf } from "../images/colours.js";
+
 /** Slope, depth over width, from which neighbours belong to different things (about 84°). */
-const STEEPEST = 10;
-/** Deviations by which the noise alone may part neighbours. */
-const NOISE = 4;
+const STEEPEST = 9;
+/** Deviations by which the noise alone may part neighbours, up to a share of the depth. */
+const NOISE = 3, MOST_NOISE = 0.01;
 
 /** Light from above left, behind the viewer. */
 const LIGHT = normalised([-0.45, 0.6, 0.66]);
@@ -72,7 +74,8 @@ export function cells(positions, deviation, grid, step, focal, centre) {
   const parted = (a, b) => {
     const za = positions[3 * a + 2], zb = positions[3 * b + 2];
     const nearer = centre - Math.max(za, zb);
-    const noise = deviation ? NOISE * Math.max(deviation[a], deviation[b]) : 0;
+    const spread = deviation ? NOISE * Math.min(deviation[a], deviation[b]) : 0;
+    const noise = Math.min(spread, MOST_NOISE * nearer);
     return !(Math.abs(za - zb) < (STEEPEST * step * nearer) / focal + noise);
   };
   for (let row = 0; row < rows - 1; row++) {
@@ -115,16 +118,14 @@ export function shade(positions, grid, reach, step, focal, centre) {
   return light;
 }
 
-/** Colour of each vertex, packed RGBA: that of its value in `table`, darkened by the light. */
-export function colours(picture, low, high, table, light, grid, step) {
-  const { rows, columns } = grid;
+/** Colour of each vertex, packed RGBA: that of its value, darkened by the light. */
+export function colours(picture, light, grid, step) {
+  const { rows, columns } = grid, { values, width, low, high } = picture;
   const packed = new Int32Array(rows * columns);
-  const { values, offset, scale, width } = picture;
-  const factor = 255 / Math.max(high - low, 1e-9);
+  const table = colourTable(mapOf(picture.topic)), indices = colourIndices(picture, low, high);
   for (let row = 0, i = 0; row < rows; row++) {
     for (let column = 0; column < columns; column++, i++) {
-      const t = (offset + scale * values[row * step * width + column * step] - low) * factor;
-      const [red, green, blue] = table[t > 255 ? 255 : t > 0 ? t | 0 : 0];
+      const [red, green, blue] = table[indices[values[row * step * width + column * step]]];
       const bright = light[i];
       packed[i] = (255 << 24) | ((blue * bright) << 16) | ((green * bright) << 8) | (red * bright);
     }

@@ -1,7 +1,6 @@
 // What is shown in 3-D: the newest map, as a mesh of all its pixels and one of half its rows and columns.
 
 import { Picture } from "../images/picture.js";
-import { colourTable, mapOf } from "../images/colours.js";
 import { cells, colours, rays, shade, vertices } from "./mesh.js";
 
 /** The newest pictures by topic, and the meshes made of them when they are asked for. */
@@ -36,9 +35,7 @@ export class Scene {
     const shape = (this.shapes[step] ??= this.#shape(depth, step));
     const source = this.#coloured(depth);
     if (shape.source !== source) {
-      const table = colourTable(mapOf(source.topic));
-      const { low, high } = source;
-      shape.colours = colours(source, low, high, table, shape.light, shape.grid, step);
+      shape.colours = colours(source, shape.light, shape.grid, step);
       shape.source = source;
     }
     return shape;
