@@ -80,6 +80,7 @@ class Daemon:
         self.fusing = Fusing(executor, self.emit, lossless=once)
         self.origin = Origin(lambda: self.configuration, self.fusing, self.emit)
         self._advance = Advance(lambda: self.origin.planned, lambda: self.fusing.backlog.unfinished)
+        executor.solving = lambda solve: self.bus.emit(ScanProgressed(self._advance.solving(solve)))
         self.mode: Mode | None = None
         self.command_counts: Callable[[], CommandCounts] = CommandCounts
 

@@ -12,8 +12,13 @@ from service.fusion.fuse import fuse_burst
 from service.fusion.job import Answer, BurstJob, Compiling, Failure, FrameJob, Job, Ready, WarmUp
 from service.fusion.streams import Stream
 from service.messages.burst import Burst
+from service.messages.progress import SolveProgress
 from service.processes.worker import tell
 from solver.errors import FusionError
+from solver.result import Progress
+
+_BETWEEN_WORDS = 0.1
+"""Seconds between two words on how far a solve is."""
 
 
 def answering() -> Callable[[Job | WarmUp], Answer]:
@@ -25,7 +30,7 @@ def answering() -> Callable[[Job | WarmUp], Answer]:
             if isinstance(request, WarmUp):
                 return _warm_up(request)
             if isinstance(request, BurstJob):
-                return fuse_burst(request.burst, request.settings)
+                return fuse_burst(request.burst, request.settings, _told(request))
             return _stream(streams, request).push(request)
         except FusionError as error:
             return Failure(str(error))
@@ -33,6 +38,21 @@ def answering() -> Callable[[Job | WarmUp], Answer]:
             return Failure(f"internal error, {type(error).__name__}: {error}")
 
     return answer
+
+
+def _told(job: BurstJob) -> Progress:
+    """Tells how far the solve of a burst is, some times a second."""
+    last = 0.0
+
+    def tell_now_and_then(iteration: int, _: float | None, gap: float | None) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last >= _BETWEEN_WORDS:
+            last = now
+            limit = job.settings.max_iterations
+            tell(SolveProgress(burst=job.number, iteration=iteration, limit=limit, gap=gap))
+
+    return tell_now_and_then
 
 
 def _stream(streams: dict[int, Stream], job: FrameJob) -> Stream:

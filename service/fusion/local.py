@@ -3,6 +3,7 @@
 import logging
 import time
 from collections import deque
+from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
 from threading import Condition, Thread
@@ -13,6 +14,7 @@ from service.errors import HungError, WorkerError
 from service.fusion.deadline import Deadline
 from service.fusion.job import Answer, Compiling, Failure, Job, Ready, WarmUp
 from service.messages.map import FusedMap
+from service.messages.progress import SolveProgress
 from service.messages.status import FusionState
 from service.processes.worker import Worker
 from solver.errors import FusionError
@@ -53,6 +55,8 @@ class LocalExecutor:
         self._told = time.monotonic()
         self.progress = "loads its kernels"
         """What it does until it is ready, in words."""
+        self.solving: Callable[[SolveProgress], None] = lambda _: None
+        """Told now and then how far the solve of a burst is."""
         self.ready: Future[float] = Future()
         """Seconds that it took until the kernels were ready; raises `WorkerError` where it was given up."""
         self._thread = Thread(target=self._run, name="fusion", daemon=True)
@@ -137,7 +141,7 @@ class LocalExecutor:
 
     def _asked(self, job: Job, timeout: float) -> FusedMap:
         began = time.monotonic()
-        answer: Answer = self._worker.ask(job, timeout)
+        answer: Answer = self._worker.ask(job, timeout, lambda said: self.solving(said))
         if isinstance(answer, Failure):
             raise FusionError(answer.reason)
         assert isinstance(answer, FusedMap)
