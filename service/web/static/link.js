@@ -107,7 +107,10 @@ const handlers = {
     store.offered.set(images);
     show();
   },
-  link: (message) => store.rigLink.set(message),
+  link: (message) => {
+    if (!message.up) store.status.set(null);
+    store.rigLink.set(message);
+  },
   rig: (message) => store.rig.set(message),
   history: ({ samples }) => store.samples.set(samples),
   sample: ({ sample }) => store.samples.set([...store.samples.value, sample].slice(-MOST_SAMPLES)),

@@ -16,7 +16,7 @@ export function PictureCanvas({ picture, low = picture?.low, high = picture?.hig
       Object.assign(canvas, { width: picture.width, height: picture.height });
     }
     canvas.getContext("2d").putImageData(paint(picture, low, high), 0, 0);
-    canvas.dataset.sequence = picture.sequence;
+    Object.assign(canvas.dataset, { sequence: picture.sequence, published: picture.published });
   }, [picture, low, high]);
   return html`<canvas ref=${ref} class=${`picture ${name}`} width="176" height="144" aria-hidden="true"></canvas>`;
 }

@@ -16,9 +16,8 @@ export function BurstsPanel() {
   };
   return html`<${Panel} name="bursts" title="Last bursts">
     ${all.length === 0 && html`<p class="empty still">None yet.</p>`}
-    <ul class="thumbnails">${all.map((burst) => html`<li key=${burst.key}><button type="button" onClick=${() => open(burst)}
-      aria-label=${`Burst ${burst.burst} of ${clock(burst.time)}: its report`}>
-      <img src=${burst.url} alt="" loading="lazy" /><span>${burst.burst}<small>${clock(burst.time)}</small></span></button></li>`)}
+    <ul class="thumbnails">${all.map((burst) => html`<li key=${burst.key}><button type="button" title="Its report"
+      onClick=${() => open(burst)}><img src=${burst.url} alt="Burst" loading="lazy" /><span>${burst.burst}<small>${clock(burst.time)}</small></span></button></li>`)}
     </ul>
     <dialog ref=${dialog} aria-label="Report of a burst" onClick=${(event) => event.target === dialog.current && dialog.current.close()}>
       ${chosen && html`<${Report} burst=${chosen} close=${() => dialog.current.close()} />`}

@@ -5,6 +5,9 @@ import { html } from "../html.js";
 import { position } from "../format.js";
 import { ask } from "./actions.js";
 
+const SHAPES = {
+  back: "M4 3v10M13 3 6.5 8l6.5 5z", play: "M4.5 3l8.5 5-8.5 5z", pause: "M5.5 3v10M10.5 3v10", step: "M12 3v10M3 3l6.5 5L3 13z",
+};
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10, 100];
 
 export function Player({ played }) {
@@ -17,20 +20,20 @@ export function Player({ played }) {
     setDragged(null);
   };
   const back = mode === "scan" ? { burst: Math.max(0, burst - 1) } : { frame: Math.max(0, frame - 1) };
-  const button = (label, click, text, off = false) => html`<button type="button" aria-label=${label} title=${label}
-    disabled=${off} onClick=${click}>${text}</button>`;
+  const button = (label, click, shape, off = false) => html`<button type="button" aria-label=${label} title=${label}
+    disabled=${off} onClick=${click}><svg viewBox="0 0 16 16" aria-hidden="true"><path d=${SHAPES[shape]} /></svg></button>`;
   return html`<div class="player" role="group" aria-label="Replay">
     <div class="bar-head"><b>${file}</b><span class="number">${position(at)} / ${position(duration)}</span></div>
     <input type="range" class="time" min="0" max=${duration || 1} step="any" value=${at} aria-label="Time line"
       aria-valuetext=${`${position(at)} of ${position(duration)}`}
       onInput=${(event) => setDragged(Number(event.target.value))} onChange=${sought} />
     <div class="player-tools">
-      ${button("Step back", () => seek(back), "⏮", frame === 0)}
-      ${playing ? button("Pause replay", () => ask("cmd/replay", "pause"), "⏸") : button("Play", () => ask("cmd/replay", "play"), "⏵")}
-      ${button("Step", () => ask("cmd/replay", "step", {}, 300), "⏭", ended)}
-      <label>Speed <select value=${speed === null ? "" : String(speed)} onChange=${(event) => ask("cmd/replay", "speed",
+      ${button("Step back", () => seek(back), "back", frame === 0)}
+      ${playing ? button("Pause replay", () => ask("cmd/replay", "pause"), "pause") : button("Play", () => ask("cmd/replay", "play"), "play")}
+      ${button("Step", () => ask("cmd/replay", "step", {}, 300), "step", ended)}
+      <select aria-label="Speed" title="Speed" value=${speed === null ? "" : String(speed)} onChange=${(event) => ask("cmd/replay", "speed",
         { speed: event.target.value === "" ? null : Number(event.target.value) })}>
-        ${SPEEDS.map((times) => html`<option value=${String(times)}>${times}×</option>`)}<option value="">fastest</option></select></label>
+        ${SPEEDS.map((times) => html`<option value=${String(times)}>${times}×</option>`)}<option value="">fastest</option></select>
       <button type="button" aria-pressed=${String(loop)} onClick=${() => ask("cmd/replay", "loop", { loop: !loop })}>Loop</button>
       <button type="button" onClick=${() => ask("cmd/replay", "stop")}>End</button>
     </div>
