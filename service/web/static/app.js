@@ -2,7 +2,6 @@
 
 import { render } from "../vendor/preact.js";
 import { html } from "./html.js";
-import { connect } from "./link.js";
 import { connection, rigLink, useStore } from "./store.js";
 import { BurstsPanel } from "./panels/bursts.js";
 import { FramesPanel } from "./panels/frames.js";
@@ -23,5 +22,4 @@ function Page() {
     </main>`;
 }
 
-connect();
 render(html`<${Page} />`, document.getElementById("page"));

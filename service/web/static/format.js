@@ -43,7 +43,11 @@ export function position(seconds) {
   return `${minutes}:${(seconds - 60 * minutes).toFixed(1).padStart(4, "0")}`;
 }
 
-export const percent = (share) => (Number.isFinite(share) ? `${short(100 * share)} %` : "–");
+/** A share; small ones as a bound. */
+export function percent(share) {
+  if (!Number.isFinite(share)) return "–";
+  return share > 0 && share < 0.001 ? "< 0.1 %" : `${short(100 * share)} %`;
+}
 
 /** Time of day of seconds since the epoch. */
 export const clock = (time) => new Date(1000 * time).toLocaleTimeString([], { hour12: false });

@@ -92,6 +92,6 @@ function Readout() {
     <${Figure} name="Deviation" value=${tell(deviation).replace(/^(?=\d)/, "± ")} />
     <${Figure} name="Amplitude" value=${tell(amplitude)} />
     <${Figure} name="Reason" value=${why} />
-    <${Figure} name="Column, row" value=${place ? `${place.x}, ${place.y}` : "–"} />
+    <${Figure} name="Pixel" value=${place ? `${place.x}, ${place.y}` : "–"} />
   </dl>`;
 }

@@ -4,6 +4,8 @@ import { colourIndices, colourTable, mapOf } from "../images/colours.js";
 
 /** Slope, depth over width, from which neighbours belong to different things (about 84°). */
 const STEEPEST = 9;
+/** How much steeper a surface may be that goes on evenly: along a plane the inverse depth is linear. */
+const GRAZING = 6, EVEN = 1.6;
 /** Deviations by which the noise alone may part neighbours, up to a share of the depth. */
 const NOISE = 3, MOST_NOISE = 0.01;
 
@@ -71,12 +73,15 @@ export function vertices(depth, grid, step, centre) {
 export function cells(positions, deviation, grid, step, focal, centre) {
   const { rows, columns } = grid;
   const found = new Uint8Array(rows * columns);
+  const inverse = (n) => 1 / (centre - positions[3 * n + 2]);
   const parted = (a, b) => {
-    const za = positions[3 * a + 2], zb = positions[3 * b + 2];
-    const nearer = centre - Math.max(za, zb);
+    const za = positions[3 * a + 2], zb = positions[3 * b + 2], jump = Math.abs(za - zb);
+    const nearer = centre - Math.max(za, zb), most = (STEEPEST * step * nearer) / focal;
     const spread = deviation ? NOISE * Math.min(deviation[a], deviation[b]) : 0;
-    const noise = Math.min(spread, MOST_NOISE * nearer);
-    return !(Math.abs(za - zb) < (STEEPEST * step * nearer) / focal + noise);
+    if (jump < most + Math.min(spread, MOST_NOISE * nearer)) return false;
+    if (!(jump < GRAZING * most)) return true;
+    const here = inverse(b) - inverse(a), before = inverse(a) - inverse(2 * a - b), after = inverse(2 * b - a) - inverse(b);
+    return !(here / before > 0 && here / before < EVEN && here / after > 0 && here / after < EVEN);
   };
   for (let row = 0; row < rows - 1; row++) {
     for (let column = 0; column < columns - 1; column++) {
