@@ -22,9 +22,9 @@ export const REASON_COLOURS = [
 
 const clamp = (value) => Math.max(0, Math.min(255, Math.round(value)));
 
-/** Without the darkest ends, in which no shading would be seen. */
+/** Near is warm and far is cool; without the darkest ends, in which no shading would be seen. */
 function turbo(place) {
-  const t = 0.06 + 0.86 * place;
+  const t = 0.92 - 0.84 * place;
   return TURBO.map((terms) => clamp(255 * terms.reduceRight((sum, term) => sum * t + term, 0)));
 }
 

@@ -49,7 +49,7 @@ function options() {
   const accent = colour("accent"), quiet = colour("muted");
   const bound = { stroke: "transparent", points: { show: false } };
   return {
-    legend: { show: false }, cursor: { y: false, points: { size: 6 } }, padding: [8, 8, 0, 0],
+    legend: { show: false }, cursor: { y: false, points: { size: 6 } }, padding: [8, 20, 0, 0],
     scales: { x: { time: false } },
     series: [
       {}, { stroke: accent, width: 1.6, points: { show: false } },
