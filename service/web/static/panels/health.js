@@ -2,7 +2,7 @@
 
 import { useMemo } from "../../vendor/hooks.js";
 import { html } from "../html.js";
-import { samples, status, useStore } from "../store.js";
+import { rigLink, samples, status, useStore } from "../store.js";
 import { bytes, clock, short, span } from "../format.js";
 import { axis, Chart, colour } from "./chart.js";
 import { Figure } from "./panel.js";
@@ -14,6 +14,7 @@ const PLOTS = [
   ["Lost", "per second", ["dropped", "skipped", "failed"], ["frames", "maps", "failed"], 1],
   ["Latency", "s", ["latency"], ["last frame to map"], 1],
   ["Disk", "GB free", ["free"], ["free"], 1e-9],
+  ["Recording", "minutes left", ["minutes"], ["left"], 1],
 ];
 const INKS = ["accent", "second", "bad"];
 
@@ -28,11 +29,13 @@ export function Health() {
 }
 
 function Troubles({ told }) {
-  const troubles = told?.degraded ?? [];
+  const link = useStore(rigLink);
+  const twins = link.up && link.rigs > 1 ? [{ what: `${link.rigs} rigs have this name.`, remedy: link.message }] : [];
+  const troubles = [...twins, ...(told?.degraded ?? [])];
   const fault = told?.error?.what;
   if (troubles.length === 0 && !fault) return html`<p class="fine">${told ? "Nothing is degraded." : "Nothing is known yet."}</p>`;
   return html`<ul class="troubles" aria-label="Degraded">
-    ${troubles.map(({ what, remedy, seconds }) => html`<li><b>${what}</b> <small>for ${span(seconds)}</small>
+    ${troubles.map(({ what, remedy, seconds }) => html`<li><b>${what}</b> ${seconds !== undefined && html`<small>for ${span(seconds)}</small>`}
       ${remedy && html`<p>${remedy}</p>`}</li>`)}
     ${fault && html`<li><b>${fault}</b><p>The last error of capture or fusion.</p></li>`}</ul>`;
 }

@@ -26,9 +26,10 @@ export function ScanPanel() {
 }
 
 function Solve({ told, last }) {
-  const solve = told?.fusion;
+  const solve = told?.solver ?? told?.fusion;
   if (solve) {
-    return html`<${Bar} name=${`Fusing burst ${solve.burst}`} value=${solve.iteration} most=${solve.limit}
+    const most = Math.max(solve.iteration, last?.iterations ?? 0);  // as the last one took
+    return html`<${Bar} name=${`Fusing burst ${solve.burst}`} value=${solve.iteration} most=${most}
       text=${`iteration ${solve.iteration}`} more=${solve.gap === null ? "" : `gap ${solve.gap.toExponential(1)}`} />`;
   }
   const waiting = told?.fusing ? `${told.fusing} waiting` : "idle";
