@@ -7,7 +7,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 
 from pages import Page
-from rigs import Rig, wait
+from rigs import START, Rig, wait
 
 
 @pytest.fixture(scope="module")
@@ -21,5 +21,5 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
 def page(rig: Rig) -> Iterator[Page]:
     """The page on a desk, the rig idle."""
     with Page(rig.url) as shown:
-        wait(lambda: shown.state == "idle", 120)
+        wait(lambda: shown.state == "idle", START)
         yield shown

@@ -16,6 +16,9 @@ ROOT = Path(__file__).parents[2]
 NEAR, FAR = 2.0, 2.5
 """Metres to the left and to the right half of the scene `step`."""
 
+START = 300.0
+"""Seconds until a rig is idle on a machine that has much else to do."""
+
 CONFIG = """
 start = "idle"
 [camera]

@@ -2,9 +2,9 @@
 
 import pytest
 from pages import Page
-from rigs import Rig, wait
+from rigs import START, Rig, wait
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(600)]
 
 SIZES = {"desk": (1440, 900, False), "tablet": (820, 1180, True), "phone": (390, 844, True)}
 TABS = ("Health", "Settings", "Recordings", "Check", "Log")
@@ -15,7 +15,7 @@ TABS = ("Health", "Settings", "Recordings", "Check", "Log")
 def test_axe_finds_no_violation(rig: Rig, size: str, dark: bool) -> None:
     width, height, finger = SIZES[size]
     with Page(rig.url, width, height, dark, finger) as page:
-        wait(lambda: page.state == "idle", 120)
+        wait(lambda: page.state == "idle", START)
         if page.map_number() == 0:
             page.click("Once", ".actions")
             wait(lambda: page.map_number() > 0)
@@ -32,7 +32,7 @@ def test_everything_is_reached_by_keys(rig: Rig) -> None:
     from selenium.webdriver import Keys
 
     with Page(rig.url) as page:
-        wait(lambda: page.state == "idle", 120)
+        wait(lambda: page.state == "idle", START)
         reached = set()
         for _ in range(60):
             page.driver.switch_to.active_element.send_keys(Keys.TAB)

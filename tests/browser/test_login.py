@@ -9,7 +9,7 @@ from rigs import free_port, wait
 from service.web.options import PageOptions
 from service.web.server import PageServer
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(600)]
 
 TOKEN = "correct horse battery staple"
 

@@ -5,9 +5,9 @@ import time
 
 import pytest
 from pages import Page
-from rigs import FAR, NEAR, ROOT, Rig, wait
+from rigs import FAR, NEAR, ROOT, START, Rig, wait
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(600)]
 
 
 def fused(page: Page) -> None:
@@ -171,7 +171,7 @@ def test_a_rig_that_dies_shows_within_two_seconds_and_is_followed_when_it_is_bac
     assert wait(lambda: page.state == "no rig") < 2
     assert page.ask("return document.querySelector('main').classList.contains('old')")
     rig.start()
-    wait(lambda: page.state == "idle", 120)
+    wait(lambda: page.state == "idle", START)
     before = page.map_number()
     page.click("Once", ".actions")
     wait(lambda: page.map_number() != before)

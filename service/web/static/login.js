@@ -5,7 +5,8 @@ const form = document.querySelector("form"), said = document.querySelector(".sai
 form.addEventListener("submit", async (event) => {
   event.preventDefault();
   const body = JSON.stringify({ token: form.elements.token.value.trim() });
-  const answer = await fetch("/login", { method: "POST", headers: { "Content-Type": "application/json" }, body }).catch(() => null);
+  const headers = { "Content-Type": "application/json" };
+  const answer = await fetch("/login", { method: "POST", headers, body }).catch(() => null);
   if (answer?.ok) location.replace("/");
   else said.textContent = explain(answer);
 });

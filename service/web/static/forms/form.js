@@ -11,7 +11,8 @@ export function Form({ name, title, open }) {
   const known = useStore(rig), link = useStore(rigLink);
   const fields = useMemo(() => fieldsOf(known?.schemas?.[`cmd/${name}`]?.request, "set"), [known]);
   const [inForce, setInForce] = useState(null), [edits, setEdits] = useState({}), [said, setSaid] = useState(null);
-  const load = () => command(`cmd/${name}`, "get").then((reply) => setInForce(reply[name]), (error) => setSaid(error.message));
+  const failed = (error) => setSaid({ text: error.message, kind: "bad" });
+  const load = () => command(`cmd/${name}`, "get").then((reply) => setInForce(reply[name]), failed);
   useEffect(() => {
     if (known) load();
   }, [known]);
@@ -25,15 +26,16 @@ export function Form({ name, title, open }) {
       setEdits({});
       setSaid({ text: "In force.", kind: "good" });
     } catch (error) {
-      setSaid({ text: error.message, kind: "bad" });
+      failed(error);
     }
   };
   const count = Object.keys(edits).length;
   const edit = (key, text) => setEdits((before) => without(before, key, text, inForce));
-  return html`<details class="form" open=${open}><summary>${title}${count > 0 && html`<small>${count} changed</small>`}</summary>
+  return html`<details class="form" open=${open}>
+    <summary>${title}${count > 0 && html`<small>${count} changed</small>`}</summary>
     <form onSubmit=${apply} id=${`form-${name}`} novalidate>
-      ${inForce && fields.map((given) => html`<${Field} key=${given.name} form=${name} given=${given} current=${inForce[given.name]}
-        edit=${edits[given.name]} onEdit=${(text) => edit(given.name, text)} />`)}
+      ${inForce && fields.map((given) => html`<${Field} key=${given.name} form=${name} given=${given}
+        current=${inForce[given.name]} edit=${edits[given.name]} onEdit=${(text) => edit(given.name, text)} />`)}
       <div class="form-foot"><button type="submit" class="primary" disabled=${count === 0 || !link.up}>Apply</button>
         <button type="button" disabled=${count === 0} onClick=${() => setEdits({})}>Revert</button>
         <button type="button" disabled=${!link.up} onClick=${load}>Reload</button></div>
@@ -53,27 +55,31 @@ const shown = (current) => (typeof current === "boolean" ? current : current ===
 
 function Field({ form, given, current, edit, onEdit }) {
   const id = `${form}-${given.name}`, text = edit ?? shown(current);
-  const hint = [given.description.replaceAll("`", ""), given.bounds && `${given.bounds}${given.unit && ` ${given.unit}`}`];
+  const description = given.description.replaceAll("`", "");
+  const bounds = given.bounds && `${given.bounds} ${given.unit}`;
   return html`<div class=${`field ${edit === undefined ? "" : "changed"}`}>
     <label for=${id}>${given.label}</label>
     <div class="control"><${Control} id=${id} given=${given} text=${text} onEdit=${onEdit} />
       <span class="unit">${given.unit}</span></div>
-    <p class="hint" id=${`${id}-hint`}>${hint[0]} ${hint[1] && html`<span class="bounds">${hint[1]}</span>`}</p></div>`;
+    <p class="hint" id=${`${id}-hint`}>${description} ${bounds && html`<span class="bounds">${bounds}</span>`}</p></div>`;
 }
 
 function Control({ id, given, text, onEdit }) {
   const common = { id, name: given.name, "aria-describedby": `${id}-hint` };
   if (given.kind === "switch") {
-    return html`<input ...${common} type="checkbox" checked=${text} onChange=${(event) => onEdit(event.target.checked)} />`;
+    const change = (event) => onEdit(event.target.checked);
+    return html`<input ...${common} type="checkbox" checked=${text} onChange=${change} />`;
   }
   if (given.kind === "words") {
     return html`<select ...${common} value=${text} onChange=${(event) => onEdit(event.target.value)}>
-      ${given.nullable && html`<option value="">none</option>`}${given.words.map((word) => html`<option value=${word}>${word}</option>`)}</select>`;
+      ${given.nullable && html`<option value="">none</option>`}
+      ${given.words.map((word) => html`<option value=${word}>${word}</option>`)}</select>`;
   }
   const list = given.words.length ? `${id}-words` : undefined;
-  return html`<input ...${common} type="text" inputmode=${given.words.length ? undefined : "decimal"} autocomplete="off" value=${text}
-      list=${list} placeholder=${given.nullable ? "none" : ""} onInput=${(event) => onEdit(event.target.value)} />
-    ${list && html`<datalist id=${list}>${given.words.map((word) => html`<option value=${word}></option>`)}</datalist>`}`;
+  return html`<input ...${common} type="text" inputmode=${list ? undefined : "decimal"} autocomplete="off"
+      value=${text} list=${list} placeholder=${given.nullable ? "none" : ""} onInput=${(event) => onEdit(event.target.value)} />
+    ${list && html`<datalist id=${list}>
+      ${given.words.map((word) => html`<option value=${word}></option>`)}</datalist>`}`;
 }
 
 export function Settings() {

@@ -3,7 +3,8 @@
 /** Units by what a description says, the first that fits. */
 const UNITS = [
   [/counts per second/i, "counts/s"], [/frames per second/i, "1/s"], [/\bHz\b/, "Hz"], [/\bdegrees\b/i, "°"],
-  [/low-resolution pixels/i, "px"], [/\bmetres\b/i, "m"], [/\bseconds\b/i, "s"], [/\bcounts\b/i, "counts"], [/\bMB\b/, "MB"],
+  [/low-resolution pixels/i, "px"], [/\bmetres\b/i, "m"], [/\bseconds\b/i, "s"], [/\bcounts\b/i, "counts"],
+  [/\bMB\b/, "MB"],
 ];
 
 /** The fields that an action of a command takes: what each may be, in the order of the schema. */
@@ -36,8 +37,11 @@ function field(name, property, models) {
 /** The bounds of a number in words, such as `0 < … ≤ 0.1`. */
 function bounds({ minimum, exclusiveMinimum, maximum, exclusiveMaximum }) {
   const told = (value) => (Math.abs(value) < 1e5 ? String(value) : value.toExponential().replace("e+", "e"));
-  const low = minimum !== undefined ? `${told(minimum)} ≤ ` : exclusiveMinimum !== undefined ? `${told(exclusiveMinimum)} < ` : "";
-  const high = maximum !== undefined ? ` ≤ ${told(maximum)}` : exclusiveMaximum !== undefined ? ` < ${told(exclusiveMaximum)}` : "";
+  let low = "", high = "";
+  if (minimum !== undefined) low = `${told(minimum)} ≤ `;
+  else if (exclusiveMinimum !== undefined) low = `${told(exclusiveMinimum)} < `;
+  if (maximum !== undefined) high = ` ≤ ${told(maximum)}`;
+  else if (exclusiveMaximum !== undefined) high = ` < ${told(exclusiveMaximum)}`;
   return low || high ? `${low}…${high}` : "";
 }
 
@@ -48,10 +52,13 @@ export function parse(given, text) {
   if (given.words.includes(word)) return word;
   if (given.kind !== "number") return text;
   const value = Number(word.replace(",", "."));
-  const expected = [given.number.type === "integer" ? "a whole number" : "a number", given.bounds && `with ${given.bounds}`,
-    given.words.length && `or ${given.words.join(", ")}`].filter(Boolean).join(" ");
-  if (word === "" || !fits(value, given.number)) throw new Error(`${given.label} = ${word || "nothing"}: expected ${expected}`);
-  return value;
+  if (word !== "" && fits(value, given.number)) return value;
+  throw new Error(`${given.label} = ${word || "nothing"}: expected ${expected(given)}`);
+}
+
+function expected({ number, bounds: within, words }) {
+  const kind = number.type === "integer" ? "a whole number" : "a number";
+  return [kind, within && `with ${within}`, words.length && `or ${words.join(", ")}`].filter(Boolean).join(" ");
 }
 
 function fits(value, { type, minimum, exclusiveMinimum, maximum, exclusiveMaximum }) {

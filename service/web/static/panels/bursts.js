@@ -14,12 +14,14 @@ export function BurstsPanel() {
     setChosen(burst);
     dialog.current.showModal();
   };
+  const leave = (event) => event.target === dialog.current && dialog.current.close();
   return html`<${Panel} name="bursts" title="Last bursts">
     ${all.length === 0 && html`<p class="empty still">None yet.</p>`}
-    <ul class="thumbnails">${all.map((burst) => html`<li key=${burst.key}><button type="button" title="Its report"
-      onClick=${() => open(burst)}><img src=${burst.url} alt="Burst" loading="lazy" /><span>${burst.burst}<small>${clock(burst.time)}</small></span></button></li>`)}
-    </ul>
-    <dialog ref=${dialog} aria-label="Report of a burst" onClick=${(event) => event.target === dialog.current && dialog.current.close()}>
+    <ul class="thumbnails">${all.map((burst) => html`<li key=${burst.key}>
+      <button type="button" title="Its report" onClick=${() => open(burst)}>
+        <img src=${burst.url} alt="Burst" loading="lazy" />
+        <span>${burst.burst} <small>${clock(burst.time)}</small></span></button></li>`)}</ul>
+    <dialog ref=${dialog} aria-label="Report of a burst" onClick=${leave}>
       ${chosen && html`<${Report} burst=${chosen} close=${() => dialog.current.close()} />`}
     </dialog>
   </${Panel}>`;
@@ -27,7 +29,7 @@ export function BurstsPanel() {
 
 function Report({ burst, close }) {
   const { report } = burst;
-  const rejected = Object.entries(report.rejected ?? {});
+  const rejected = Object.entries(report.rejected ?? {}).map(([n, why]) => `Frame ${n} was left out: ${why}`);
   const figures = [
     ["Method", report.method], ["Map", `${report.width} × ${report.height}`], ["Known", percent(report.known)],
     ["Median deviation", metres(report.deviation ?? NaN)],
@@ -41,5 +43,5 @@ function Report({ burst, close }) {
       <button type="button" class="tool" onClick=${close}>Close</button></header>
     <div class="report"><img src=${burst.url} alt="Depth of the map" />
     <dl class="figures">${figures.map(([name, value]) => html`<${Figure} name=${name} value=${value} />`)}</dl></div>
-    ${[...(report.notes ?? []), ...rejected.map(([n, why]) => `Frame ${n} was left out: ${why}`)].map((note) => html`<p class="note">${note}</p>`)}`;
+    ${[...(report.notes ?? []), ...rejected].map((note) => html`<p class="note">${note}</p>`)}`;
 }

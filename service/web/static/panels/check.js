@@ -17,7 +17,8 @@ export function Check() {
     setBusy(false);
   };
   return html`<div class="check"><p class="lead">A few frames are taken with the stage at rest; nothing moves.</p>
-    <button type="button" class="primary" disabled=${busy || !link.up} onClick=${look}>${busy ? "Checking…" : "Check the scan"}</button>
+    <button type="button" class="primary" disabled=${busy || !link.up} onClick=${look}>
+      ${busy ? "Checking…" : "Check the scan"}</button>
     <div aria-live="polite">${found && html`<${Found} check=${found} />`}</div></div>`;
 }
 
@@ -42,8 +43,10 @@ function Found({ check }) {
 function Histogram({ exposure }) {
   const { histogram, histogram_top: top } = exposure;
   const most = Math.max(1, ...histogram), width = 100 / histogram.length;
+  const bar = (count, i) => html`<rect x=${i * width + 0.4} width=${width - 0.8} y=${30 - (30 * count) / most}
+    height=${(30 * count) / most} />`;
   return html`<figure class="histogram"><svg viewBox="0 0 100 30" preserveAspectRatio="none" role="img"
       aria-label=${`Histogram of the amplitude, up to ${short(top)} counts: ${histogram.join(", ")} pixels`}>
-    ${histogram.map((count, i) => html`<rect x=${i * width + 0.4} width=${width - 0.8} y=${30 - (30 * count) / most} height=${(30 * count) / most} />`)}
+    ${histogram.map(bar)}
     </svg><figcaption><span>0</span><span>amplitude</span><span>${short(top)} counts</span></figcaption></figure>`;
 }

@@ -13,8 +13,8 @@ export function Heading() {
   const told = useStore(status), known = useStore(rig);
   const name = told?.model ?? known?.manifest?.model ?? "";
   return html`<header class="heading">
-    <h1><svg class="logo" viewBox="0 0 32 32" aria-hidden="true"><path d="M6 24 16 8l10 16" fill="none" stroke="currentColor"
-      stroke-width="3" stroke-linejoin="round" /><path d="M10 24h12" stroke="currentColor" stroke-width="3" /></svg>
+    <h1><svg class="logo" viewBox="0 0 32 32" aria-hidden="true" fill="none" stroke="currentColor" stroke-width="3">
+      <path d="M6 24 16 8l10 16" stroke-linejoin="round" /><path d="M10 24h12" /></svg>
       <span class="brand">lidarboost</span> <small>${name}</small></h1>
     <${State} />
     <${Actions} />

@@ -31,13 +31,12 @@ export function Health() {
 function Troubles({ told }) {
   const link = useStore(rigLink);
   const twins = link.up && link.rigs > 1 ? [{ what: `${link.rigs} rigs have this name.`, remedy: link.message }] : [];
-  const troubles = [...twins, ...(told?.degraded ?? [])];
-  const fault = told?.error?.what;
-  if (troubles.length === 0 && !fault) return html`<p class="fine">${told ? "Nothing is degraded." : "Nothing is known yet."}</p>`;
-  return html`<ul class="troubles" aria-label="Degraded">
-    ${troubles.map(({ what, remedy, seconds }) => html`<li><b>${what}</b> ${seconds !== undefined && html`<small>for ${span(seconds)}</small>`}
-      ${remedy && html`<p>${remedy}</p>`}</li>`)}
-    ${fault && html`<li><b>${fault}</b><p>The last error of capture or fusion.</p></li>`}</ul>`;
+  const fault = told?.error ? [{ what: told.error.what, remedy: "The last error of capture or fusion." }] : [];
+  const troubles = [...twins, ...(told?.degraded ?? []), ...fault];
+  if (troubles.length === 0) return html`<p class="fine">${told ? "Nothing is degraded." : "Nothing is known yet."}</p>`;
+  return html`<ul class="troubles" aria-label="Degraded">${troubles.map(({ what, remedy, seconds }) => html`<li>
+    <b>${what}</b> ${seconds !== undefined && html`<small>for ${span(seconds)}</small>`}
+    ${remedy && html`<p>${remedy}</p>`}</li>`)}</ul>`;
 }
 
 function Figures({ told }) {
@@ -58,24 +57,30 @@ function Figures({ told }) {
 function History({ title, unit, fields, names, factor, all, mode }) {
   const data = useMemo(() => columns(all, fields, factor), [all]);
   const make = useMemo(() => () => options(fields), [title]);
-  const now = all.at(-1);
-  return html`<div class="history"><div class="bar-head"><b>${title}</b><small>${unit}</small>
-      ${fields.map((field, i) => html`<span class=${`key ${INKS[i]}`}>${names[i]} <b>${now ? short(now[field] == null ? null : now[field] * factor) : "–"}</b></span>`)}</div>
-    <${Chart} make=${make} data=${data} theme=${mode} label=${`${title}, ${unit}, over the last ${Math.round(all.length / 60)} minutes`} /></div>`;
+  const now = all.at(-1) ?? {};
+  const key = (field, i) => html`<span class=${`key ${INKS[i]}`}>${names[i]}
+    ${" "}<b>${now[field] == null ? "–" : short(now[field] * factor)}</b></span>`;
+  const label = `${title}, ${unit}, over the last ${Math.round(all.length / 60)} minutes`;
+  return html`<div class="history">
+    <div class="bar-head"><b>${title}</b><small>${unit}</small>${fields.map(key)}</div>
+    <${Chart} make=${make} data=${data} theme=${mode} label=${label} /></div>`;
 }
 
 /** uPlot's columns; a second without a sample is a gap. */
 function columns(all, fields, factor) {
   const found = [[], ...fields.map(() => [])];
   let before = Infinity;
+  const add = (row) => row.forEach((value, i) => found[i].push(value));
   for (const sample of all) {
-    if (sample.time - before > 3) [sample.time - 1, ...fields.map(() => null)].forEach((value, i) => found[i].push(value));
-    found[0].push(sample.time);
-    fields.forEach((field, i) => found[i + 1].push(sample[field] == null ? null : sample[field] * factor));
+    if (sample.time - before > 3) add([sample.time - 1, ...fields.map(() => null)]);
+    add([sample.time, ...fields.map((field) => (sample[field] == null ? null : sample[field] * factor))]);
     before = sample.time;
   }
   return found;
 }
+
+/** Hours and minutes, or minutes and seconds where ticks lie closer than a minute. */
+const moment = (time, step) => (step < 60 ? clock(time).slice(3, 8) : clock(time).slice(0, 5));
 
 function options(fields) {
   return {
@@ -83,7 +88,7 @@ function options(fields) {
     scales: { x: { time: true }, y: { range: (_, low, high) => [0, high > 0 ? 1.15 * high : 1] } },
     series: [{}, ...fields.map((_, i) => ({ stroke: colour(INKS[i]), width: 1.4, points: { show: false } }))],
     axes: [
-      axis({ size: 24, space: 70, values: (_, ticks, __, ___, step) => ticks.map((t) => clock(t).slice(step < 60 ? 3 : 0, step < 60 ? 8 : 5)) }),
+      axis({ size: 24, space: 70, values: (_, ticks, __, ___, step) => ticks.map((time) => moment(time, step)) }),
       axis({ size: 42, space: 24, values: (_, ticks) => ticks.map(short) }),
     ],
   };

@@ -17,10 +17,13 @@ export function Log() {
   useEffect(() => {
     if (following.current) ref.current.scrollTop = ref.current.scrollHeight;
   }, [shown.length]);
-  const follow = ({ currentTarget: box }) => (following.current = box.scrollHeight - box.scrollTop - box.clientHeight < 30);
+  const follow = ({ currentTarget: box }) => {
+    following.current = box.scrollHeight - box.scrollTop - box.clientHeight < 30;
+  };
   return html`<div class="log"><${Choice} label="Lines" options=${LEVELS} value=${level} onChange=${setLevel} />
     <ol ref=${ref} tabindex="0" aria-label="Log" onScroll=${follow}>${shown.map((entry) => html`<li
-      class=${entry.level.toLowerCase()}><time>${clock(entry.time)}</time><b>${GRAVE.has(entry.level) ? entry.level.toLowerCase() : ""}</b>
+      class=${entry.level.toLowerCase()}><time>${clock(entry.time)}</time>
+      ${GRAVE.has(entry.level) && html`<b>${entry.level.toLowerCase()}</b>`}
       <span>${entry.message}</span></li>`)}</ol>
     ${shown.length === 0 && html`<p class="fine">Nothing was said yet.</p>`}</div>`;
 }

@@ -6,17 +6,18 @@ import { position } from "../format.js";
 import { ask } from "./actions.js";
 
 const SHAPES = {
-  back: "M4 3v10M13 3 6.5 8l6.5 5z", play: "M4.5 3l8.5 5-8.5 5z", pause: "M5.5 3v10M10.5 3v10", step: "M12 3v10M3 3l6.5 5L3 13z",
+  back: "M4 3v10M13 3 6.5 8l6.5 5z", play: "M4.5 3l8.5 5-8.5 5z",
+  pause: "M5.5 3v10M10.5 3v10", step: "M12 3v10M3 3l6.5 5L3 13z",
 };
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10, 100];
 
 export function Player({ played }) {
   const [dragged, setDragged] = useState(null);
-  const { file, mode, playing, ended, speed, loop, seconds, duration, frame, frames, burst, bursts, gaps, error } = played;
+  const { file, mode, playing, ended, speed, loop, seconds, duration, frame, frames, burst, bursts } = played;
+  const change = (action, args = {}, timeout = 60) => () => ask("cmd/replay", action, args, timeout);
   const at = dragged ?? seconds;
-  const seek = (place) => ask("cmd/replay", "seek", place);
   const sought = async (event) => {
-    await seek({ seconds: Math.min(duration, Number(event.target.value)) });
+    await ask("cmd/replay", "seek", { seconds: Math.min(duration, Number(event.target.value)) });
     setDragged(null);
   };
   const back = mode === "scan" ? { burst: Math.max(0, burst - 1) } : { frame: Math.max(0, frame - 1) };
@@ -28,16 +29,21 @@ export function Player({ played }) {
       aria-valuetext=${`${position(at)} of ${position(duration)}`}
       onInput=${(event) => setDragged(Number(event.target.value))} onChange=${sought} />
     <div class="player-tools">
-      ${button("Step back", () => seek(back), "back", frame === 0)}
-      ${playing ? button("Pause replay", () => ask("cmd/replay", "pause"), "pause") : button("Play", () => ask("cmd/replay", "play"), "play")}
-      ${button("Step", () => ask("cmd/replay", "step", {}, 300), "step", ended)}
-      <select aria-label="Speed" title="Speed" value=${speed === null ? "" : String(speed)} onChange=${(event) => ask("cmd/replay", "speed",
-        { speed: event.target.value === "" ? null : Number(event.target.value) })}>
-        ${SPEEDS.map((times) => html`<option value=${String(times)}>${times}×</option>`)}<option value="">fastest</option></select>
-      <button type="button" aria-pressed=${String(loop)} onClick=${() => ask("cmd/replay", "loop", { loop: !loop })}>Loop</button>
-      <button type="button" onClick=${() => ask("cmd/replay", "stop")}>End</button>
+      ${button("Step back", change("seek", back), "back", frame === 0)}
+      ${playing ? button("Pause replay", change("pause"), "pause") : button("Play", change("play"), "play")}
+      ${button("Step", change("step", {}, 300), "step", ended)}
+      <${Speed} speed=${speed} />
+      <button type="button" aria-pressed=${String(loop)} onClick=${change("loop", { loop: !loop })}>Loop</button>
+      <button type="button" onClick=${change("stop")}>End</button>
     </div>
-    <p class="fine">burst ${Math.min(burst + 1, bursts)} of ${bursts} · frame ${Math.min(frame + 1, frames)} of ${frames}${ended ? " · at its end" : ""}
-      ${gaps?.length > 0 && ` · ${played.gap_count} gaps of its clock`}</p>
-    ${error && html`<p class="said bad">${error}</p>`}</div>`;
+    <p class="fine">burst ${Math.min(burst + 1, bursts)} of ${bursts} · frame ${Math.min(frame + 1, frames)} of ${frames}
+      ${ended && " · at its end"}${played.gap_count > 0 && ` · ${played.gap_count} gaps of its clock`}</p>
+    ${played.error && html`<p class="said bad">${played.error}</p>`}</div>`;
+}
+
+function Speed({ speed }) {
+  const set = ({ target }) => ask("cmd/replay", "speed", { speed: target.value === "" ? null : Number(target.value) });
+  return html`<select aria-label="Speed" title="Speed" value=${speed === null ? "" : String(speed)} onChange=${set}>
+    ${SPEEDS.map((times) => html`<option value=${String(times)}>${times}×</option>`)}
+    <option value="">fastest</option></select>`;
 }

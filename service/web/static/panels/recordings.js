@@ -40,9 +40,11 @@ function Entry({ entry, list, playing }) {
       ${!whole && html` · <em class=${state}>${state === "written" ? "being written" : "torn"}</em>`}</small></div>
     <div class="file-tools">
       ${whole && html`<button type="button" onClick=${load} aria-label=${`Replay ${file}`}>Replay</button>
-        <a class="button" href=${`/recordings/${encodeURIComponent(file)}`} download aria-label=${`Download ${file}`}>Download</a>`}
+        <a class="button" href=${`/recordings/${encodeURIComponent(file)}`} download
+          aria-label=${`Download ${file}`}>Download</a>`}
       <button type="button" aria-pressed=${String(kept)} aria-label=${`Keep ${file}`}
-        title="Kept recordings are never deleted to make room" onClick=${then("keep", { keep: !kept })}>${kept ? "Kept" : "Keep"}</button>
+        title="Kept recordings are never deleted to make room"
+        onClick=${then("keep", { keep: !kept })}>${kept ? "Kept" : "Keep"}</button>
       ${state === "torn" && html`<button type="button" aria-label=${`Recover ${file}`}
         onClick=${then("recover", {}, "What it still held is a recording of its own now.")}>Recover</button>`}
     </div></li>`;

@@ -18,7 +18,8 @@ export function ScanPanel() {
       <${PlanPicture} plan=${plan ?? displacements(last)} captured=${captured} />
       <div class="bars">
         <${Bar} name=${told ? `Burst ${told.burst}` : "No burst yet"} value=${captured} most=${poses}
-          text=${poses ? `pose ${captured} of ${poses}` : `${captured} poses`} more=${told?.seconds ? `${span(told.seconds)} left` : ""} />
+          text=${poses ? `pose ${captured} of ${poses}` : `${captured} poses`}
+          more=${told?.seconds ? `${span(told.seconds)} left` : ""} />
         <${Solve} told=${told} last=${last} />
       </div>
     </div>

@@ -28,7 +28,8 @@ export function Side() {
   return html`<section class="panel side" aria-label="Details">
     <div class="tabs" role="tablist" aria-label="Details" ref=${list} onKeyDown=${move}>${TABS.map(([key, name]) => html`
       <button type="button" role="tab" id=${`tab-${key}`} aria-selected=${String(key === chosen)} aria-controls="details"
-        tabindex=${key === chosen ? "0" : "-1"} onClick=${() => setChosen(key)}>${name}${key === "health" && html`<${Badge} />`}</button>`)}</div>
+        tabindex=${key === chosen ? "0" : "-1"} onClick=${() => setChosen(key)}>
+        ${name}${key === "health" && html`<${Badge} />`}</button>`)}</div>
     <div class="tab-body" role="tabpanel" id="details" aria-labelledby=${`tab-${chosen}`}><${Shown} /></div></section>`;
 }
 
