@@ -57,7 +57,9 @@ def make_app(access: Access, hub: Hub, sockets: Sockets, downloads: Downloads) -
         Route("/recordings/{file:path}", door.guarded(downloads.answer)),
         WebSocketRoute("/ws", page),
     ]
-    return Gate(Starlette(routes=routes, exception_handlers={HTTPException: _refused}), access)
+    behind = Starlette(routes=routes, exception_handlers={HTTPException: _refused})
+    behind.router.redirect_slashes = False
+    return Gate(behind, access)
 
 
 class _Door:

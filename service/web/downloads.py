@@ -14,7 +14,8 @@ from service.wire.asking import Answer
 from service.wire.client import Client
 
 _AT_ONCE = 4
-_PART = 1_000_000
+_PART, _TIMEOUT = 1_000_000, 30.0
+"""Bytes that are fetched at a time, and seconds that they may take."""
 _TAKEN = 60.0
 """Seconds in which a browser takes a part; one that does not has gone to sleep."""
 
@@ -70,7 +71,7 @@ class Downloads:
             self._under_way -= 1
 
     async def _part(self, file: str, offset: int) -> Answer:
-        return await in_thread(lambda: self._client.record.part(file, offset, size=_PART))
+        return await in_thread(lambda: self._client.record.part(file, offset, _TIMEOUT, _PART))
 
 
 _KIND = "application/octet-stream"

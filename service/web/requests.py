@@ -3,6 +3,7 @@
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic_core import from_json
 
 from service.errors import InvalidArgumentError
 
@@ -50,10 +51,12 @@ def read_request(text: str) -> Request:
         InvalidArgumentError: not JSON, or not one of the three.
     """
     try:
-        return _REQUESTS.validate_json(text)
+        return _REQUESTS.validate_python(from_json(text, allow_inf_nan=False))
     except ValidationError as error:
         fault = error.errors(include_url=False, include_input=False, include_context=False)[0]
         where = ".".join(str(step) for step in fault["loc"][1:])
         raise InvalidArgumentError(
             f"expected a JSON object of type show, ack or command; {where or 'it'}: {fault['msg']}"
         ) from error
+    except ValueError as error:
+        raise InvalidArgumentError(f"expected a JSON object of type show, ack or command; {error}") from error

@@ -50,6 +50,7 @@ class RigWatch:
         self.client = Client(options.endpoint, options.prefix)
         self._ending = Flag()
         self._heard = self._drawn = 0.0
+        self._undrawn: Received | None = None
         self._gone = True
         self._rigs = 0
         self._ambiguity_range: float | None = None
@@ -98,11 +99,7 @@ class RigWatch:
 
     def _depth_came(self, received: Received) -> None:
         self._image_came(received)
-        now = time.monotonic()
-        if now - self._drawn >= _DRAWN and received.timestamp is not None:
-            self._drawn = now
-            png = drawn(received.value)
-            self._post(self._hub.pictured, received.timestamp, png, received.value.shape)
+        self._undrawn = received
 
     def _frame_came(self, received: Received) -> None:
         told = received.value.get("ambiguity_range")
@@ -128,12 +125,19 @@ class RigWatch:
         self._hub.seen(picture)
 
     def _follow_images(self) -> None:
-        """Subscribe to what is shown, and to nothing else."""
+        """Subscribe to what is shown, and to nothing else; draw a thumbnail now and then."""
         while not self._ending.wait(_BEAT / 5):
             try:
+                self._draw()
                 self._follow({SOURCES[topic] for topic in self._hub.wanted} - {"fused/depth"})
             except Exception:  # the next look may do better
                 _log.exception("images cannot be followed")
+
+    def _draw(self) -> None:
+        now, depth = time.monotonic(), self._undrawn
+        if depth is not None and depth.timestamp is not None and now - self._drawn >= _DRAWN:
+            self._undrawn, self._drawn = None, now
+            self._post(self._hub.pictured, depth.timestamp, drawn(depth.value), depth.value.shape)
 
     def _follow(self, wanted: set[str]) -> None:
         now = time.monotonic()
