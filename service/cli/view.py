@@ -45,6 +45,8 @@ def view(
     For a tablet in the same network; give the token as LIDARBOOST_WEB__TOKEN, which other users do not see:
       LIDARBOOST_WEB__TOKEN=… lidarboost view --web --host 0.0.0.0
     """
+    from urllib.parse import quote
+
     from service.signals import stopping
     from service.versions import PAGE_PACKAGES, require_packages
 
@@ -56,7 +58,7 @@ def view(
     options = _options({"host": host, "port": port, "token": token, "endpoint": endpoint, "prefix": prefix})
     with stopping() as signals, PageServer(options) as page:
         signals.stops(page.stop)
-        secret = "" if options.secret is None else f"?token={options.secret}"
+        secret = "" if options.secret is None else f"?token={quote(options.secret, safe='')}"
         print(f"page: {page.url}{secret}", flush=True)
         while not page.wait(1.0):
             pass

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 
 import pytest
-from pages import TOKEN, ask, opened, served, socket_url
+from browsing import TOKEN, ask, opened, served, socket_url
 from pydantic import ValidationError
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect

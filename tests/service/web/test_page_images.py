@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from pages import Image, image_of
+from browsing import Image, image_of
 
 from service.messages.decoding import Received
 from service.web.images import Picture

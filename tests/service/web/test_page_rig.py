@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from browsing import Browser, ask, opened, served
 from commanding import Running, configuration, running
-from pages import Browser, ask, opened, served
 from replaying import playable
 from test_commands import hasty_rig
 

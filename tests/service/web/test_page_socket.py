@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
-from pages import Browser, Image, ask, opened, served
+from browsing import Browser, Image, ask, opened, served
 from publishing import publishing
 from websockets.exceptions import ConnectionClosed
 
