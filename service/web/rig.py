@@ -87,7 +87,8 @@ class RigWatch:
         if received.topic == "status":
             self._heard, self._gone = time.monotonic(), False
             uptime = float(received.value.get("uptime", 0.0))
-            self._undescribed |= uptime < self._uptime
+            # Of several with one name each has its own: that is no restart.
+            self._undescribed |= uptime < self._uptime and self._rigs <= 1
             self._uptime = uptime
             self._tell_link()
         self._post(self._hub.heard, received)

@@ -153,7 +153,8 @@ class Client:
         kind = f"{self._prefix}/{SCHEMA}/"
         replies = self._session.get(f"{kind}cmd/**", timeout=timeout)
         found = [reply.ok for reply in replies if reply.ok is not None]
-        return {str(sample.key_expr).removeprefix(kind): _document(sample) for sample in found}
+        named = {str(sample.key_expr).removeprefix(kind): _document(sample) for sample in found}
+        return dict(sorted(named.items()))
 
     def __enter__(self) -> Self:
         return self

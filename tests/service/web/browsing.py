@@ -146,7 +146,9 @@ def image_of(frame: bytes) -> Image:
 @contextmanager
 def opened(page: PageServer, headers: Mapping[str, str] | None = None) -> Iterator[Browser]:
     """An open page in a browser."""
-    with connect(socket_url(page), additional_headers=dict(headers or {}), max_size=None) as socket:
+    # Read on while the test does something else, or no ping is answered.
+    reading: dict[str, Any] = {"max_size": None, "max_queue": None}
+    with connect(socket_url(page), additional_headers=dict(headers or {}), **reading) as socket:
         yield Browser(socket)
 
 
