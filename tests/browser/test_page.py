@@ -58,6 +58,32 @@ def test_the_probe_shows_the_true_metres(page: Page) -> None:
         assert metres(probed(page)) == pytest.approx(expected, abs=0.015)
 
 
+_ALL_DARK = """
+const done = arguments[0];
+Promise.all([import("/static/store.js"), import("/static/images/picture.js")]).then(([store, {Picture}]) => {
+  const {width, height} = store.images["fused/depth"].value;
+  const header = {topic: "fused/reason", width, height, dtype: "uint8", unit: "", sequence: 1};
+  const held = [store.offered.value, store.images["fused/reason"].value];
+  store.offered.set([...new Set([...held[0], "fused/reason"])]);
+  store.images["fused/reason"].set(new Picture(header, new Uint8Array(width * height).fill(2)));
+  window.restore = () => { store.offered.set(held[0]); store.images["fused/reason"].set(held[1]); };
+  done();
+});
+"""
+
+
+def test_the_probe_says_why_nothing_is_known(page: Page) -> None:
+    fused(page)
+    page.driver.execute_async_script(_ALL_DARK)
+    page.click("Reason", ".map")
+    point(page, 0.6, 0.4)
+    wait(lambda: "too dark" in page.text(".readout"))
+    assert "contradicted" in page.text(".reason-key")
+    assert page.violations() == []
+    page.click("Depth", ".map")
+    page.ask("restore()")
+
+
 def test_the_probe_is_moved_by_keys(page: Page) -> None:
     from selenium.webdriver import Keys
 
