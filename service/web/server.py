@@ -26,7 +26,8 @@ _LARGEST_MESSAGE = 64 << 10
 _PING = 10.0
 """Seconds between two pings, and until an answer to one; a browser that sleeps gives none."""
 
-_START, _END = 20.0, 5.0
+_START, _END = 20.0, 20.0
+"""Seconds to begin, and to end: a session that is cut off at the process' exit would abort it."""
 
 
 class PageServer:
@@ -62,7 +63,11 @@ class PageServer:
     def start(self) -> Self:
         """Begin to serve; returns when it is ready."""
         self._thread.start()
-        self._started.result(_START)
+        try:
+            self._started.result(_START)
+        except BaseException:
+            self.close()
+            raise
         return self
 
     def check(self, timeout: float = 5.0) -> None:

@@ -148,7 +148,7 @@ class Client:
         )
         return [_document(reply.ok) for reply in replies if reply.ok is not None]
 
-    def command_schemas(self, timeout: float = 5.0) -> dict[str, dict[str, Any]]:
+    def command_schemas(self, timeout: float = 2.0) -> dict[str, dict[str, Any]]:
         """JSON schemas of `request` and `reply` of every command, by its name."""
         kind = f"{self._prefix}/{SCHEMA}/"
         replies = self._session.get(f"{kind}cmd/**", timeout=timeout)

@@ -1,109 +1,169 @@
-"""How quick the live page is: `python tests/benchmarks/page.py [--seconds 5] [--opened 5]`.
+"""What the live page costs, and how late it is.
 
-A simulated rig sees the scene `objects` and fuses it into 704 × 576 points; a headless Chromium without a
-graphics card opens the page and turns the surface by keys, one step for each picture of the browser. Printed
-as JSON: pictures per second while it turns (a mesh of half the rows and columns), seconds from the opening
-of the page to its first map (each opening with an empty cache), and seconds from the server's receipt of a
-map to its picture on the page. Run it on an idle machine.
+`python tests/benchmarks/page.py [--seconds 20] [--pages 10] [--method nearest]`
+
+A simulated camera at 5 ms gives bursts of 15 frames, each fused, with the page beside the service:
+
+- without pages, then with so many of them (WebSockets in a process of their own; each shows distance,
+  depth and deviation and acknowledges every image): frames and maps per second, frames lost (0);
+- how much later a map is at a page than at a subscriber of the service (0.3 s at most), and from opening the
+  socket to the first map (1 s);
+- what the page weighs as transferred, every file of it (1.5 MB).
+
+Run it on an idle machine; targets are in brackets.
 """
 
 import argparse
+import asyncio
 import json
-import statistics
+import re
+import subprocess
 import sys
 import tempfile
+import threading
 import time
+from contextlib import contextmanager
 from pathlib import Path
+from statistics import median
 from typing import Any
+from urllib.request import Request, urlopen
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "browser"))
+from daemon_rates import CAMERA, LIDARBOOST, ROOT, rig
+from websockets.asyncio.client import connect
 
-from pages import Page
-from rigs import Rig, wait
+from lidarboost import Client
 
-_WATCH = """
-window.shown = [];
-new MutationObserver((changes) => changes.forEach(({target}) => {
-  if (target.closest?.(".stage") && target.dataset.published) requestAnimationFrame(() => shown.push({
-    opened: performance.now() / 1000, late: Date.now() / 1000 - Number(target.dataset.published)}));
-})).observe(document, {subtree: true, attributes: true, attributeFilter: ["data-published"]});
-"""
-
-_TURN = """
-const [seconds, done] = arguments, view = document.querySelector(".surface-view");
-const begun = performance.now(), before = Number(view.dataset.drawn);
-const turn = () => {
-  view.dispatchEvent(new KeyboardEvent("keydown", {key: "ArrowRight", bubbles: true}));
-  const passed = (performance.now() - begun) / 1000;
-  if (passed < seconds) requestAnimationFrame(turn);
-  else done((Number(view.dataset.drawn) - before) / passed);
-};
-turn();
-"""
+IMAGES = ("camera/distance", "fused/depth", "fused/deviation")
 
 
-def turning(page: Page, seconds: float) -> float:
-    """Pictures per second while the surface turns all the time."""
-    wait(lambda: page.find(".surface-view").get_attribute("data-fine") == "true")
-    page.driver.set_script_timeout(seconds + 30)
-    rate: float = page.driver.execute_async_script(_TURN, seconds)
-    return rate
+async def show(url: str, seconds: float) -> dict[str, Any]:
+    """One page: when each map came, by its time, and how long the first took."""
+    began, came = time.time(), {}
+    async with connect(url.replace("http", "ws") + "ws", max_size=None) as socket:
+        await socket.send(json.dumps({"type": "show", "images": IMAGES}))
+        while (left := began + seconds - time.time()) > 0:
+            try:
+                message = await asyncio.wait_for(socket.recv(), left)
+            except TimeoutError:
+                break
+            if isinstance(message, bytes):
+                length = int.from_bytes(message[:4], "little")
+                header = json.loads(message[4 : 4 + length])
+                if header["topic"] == "fused/depth":
+                    came[f"{header['time']:.4f}"] = time.time()
+                await socket.send(json.dumps({"type": "ack", "topic": header["topic"]}))
+    return {"first": min(came.values(), default=began + seconds) - began, "came": came}
 
 
-def opening(url: str) -> float:
-    """Seconds from the opening of the page to its first map."""
-    with Page("about:blank") as page:
-        page.tell("Page.addScriptToEvaluateOnNewDocument", source=_WATCH)
-        page.driver.get(url)
-        wait(lambda: page.ask("return window.shown?.length ?? 0") > 0)
-        opened: float = page.ask("return shown[0].opened")
-        return opened
+async def show_all(url: str, pages: int, seconds: float) -> list[dict[str, Any]]:
+    return await asyncio.gather(*(show(url, seconds) for _ in range(pages)))
 
 
-def delays(page: Page, maps: int) -> list[float]:
-    """Seconds from the server's receipt of a map to its picture."""
-    page.tell("Page.addScriptToEvaluateOnNewDocument", source=_WATCH)
-    page.driver.refresh()
-    wait(lambda: page.ask("return shown.length") > 0)
-    for _ in range(maps):
-        before = page.ask("return shown.length")
-        page.click("Once", ".actions")
-        wait(lambda before=before: page.ask("return shown.length") > before, 120)
-        time.sleep(0.5)
-    found: list[float] = page.ask("return shown.slice(1).map((one) => one.late)")
-    return found
+class Observer:
+    """A subscriber of the service: when each map came, and what the status tells."""
+
+    def __init__(self, endpoint: str) -> None:
+        self.came: dict[str, float] = {}
+        self.status: dict[str, Any] = {}
+        self.client = Client(endpoint)
+        self.client.subscribe("fused/depth", self._mapped)
+        self.client.subscribe("status", lambda received: self.status.update(received.value))
+
+    def _mapped(self, received: Any) -> None:
+        self.came[f"{received.timestamp / 1e9:.4f}"] = time.time()
+
+    def counts(self) -> dict[str, int]:
+        return {
+            "frames": self.status["totals"]["frames"],
+            "maps": self.status["totals"]["fused"],
+            "lost": sum(self.status["drops"][cause] for cause in ("camera", "published", "recorded")),
+        }
+
+    def over(self, seconds: float) -> dict[str, float]:
+        """Frames and maps per second and frames lost meanwhile."""
+        before, began = self.counts(), time.time()
+        time.sleep(seconds)
+        after, passed = self.counts(), time.time() - began
+        return {
+            "frames/s": (after["frames"] - before["frames"]) / passed,
+            "maps/s": (after["maps"] - before["maps"]) / passed,
+            "lost": after["lost"] - before["lost"],
+        }
 
 
-def measure(seconds: float, opened: int) -> dict[str, Any]:
-    """All figures."""
-    with tempfile.TemporaryDirectory() as folder, Rig(Path(folder), "objects", "auto", 15, True) as rig:
-        with Page(rig.url) as page:
-            wait(lambda: page.state == "idle", 180)
-            page.click("Once", ".actions")
-            wait(lambda: page.map_number() > 0, 180)
-            rate = turning(page, seconds)
-            late = delays(page, opened)
-        first = [opening(rig.url) for _ in range(opened)]
-    return {
-        "pictures_per_second": round(rate, 1),
-        "first_picture_seconds": {
-            "median": round(statistics.median(first), 3),
-            "longest": round(max(first), 3),
-        },
-        "map_to_picture_seconds": {
-            "median": round(statistics.median(late), 3),
-            "longest": round(max(late), 3),
-        },
-    }
+@contextmanager
+def service(folder: Path, method: str):  # type: ignore[no-untyped-def]
+    """A running one: its endpoint and where its page is."""
+    lines = [*CAMERA, "integration_time = 0.005", "[stage]", 'backend = "simulated"', "settle = 0.0"]
+    lines += ["[fusion]", f'method = "{method}"', "[web]", "enabled = true", "port = 0"]
+    with rig(folder, *lines) as (endpoint, config):
+        command = [*LIDARBOOST, "run", str(config)]
+        pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+        with subprocess.Popen(command, cwd=ROOT, **pipes) as process:
+            assert process.stdout is not None
+            try:
+                url = next(
+                    found[1]
+                    for line in process.stdout
+                    if (found := re.search(r"live page: (\S+)", line)) is not None
+                )
+                threading.Thread(target=process.stdout.read, daemon=True).start()
+                yield endpoint, url
+            finally:
+                process.terminate()
+
+
+def weight(url: str) -> int:
+    """Bytes of every file of the page as they are transferred."""
+    from service.web.assets import assets
+
+    total = 0
+    for path in assets():
+        asked = Request(url + path, headers={"Accept-Encoding": "gzip"})
+        with urlopen(asked, timeout=10) as answer:
+            total += len(answer.read())
+    return total
 
 
 def main() -> None:
-    """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=5.0)
-    parser.add_argument("--opened", type=int, default=5)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--pages", type=int, default=10)
+    parser.add_argument("--method", default="nearest")
+    parser.add_argument("--shown", help=argparse.SUPPRESS)
     given = parser.parse_args()
-    print(json.dumps(measure(given.seconds, given.opened), indent=2))
+    if given.shown:
+        print(json.dumps(asyncio.run(show_all(given.shown, given.pages, given.seconds))))
+        return
+    with tempfile.TemporaryDirectory() as place, service(Path(place), given.method) as (endpoint, url):
+        print(f"weight: {weight(url) / 1e6:.2f} MB as transferred, all files (1.5)")
+        observer = Observer(endpoint)
+        while observer.status.get("totals", {}).get("fused", 0) < 3:
+            time.sleep(0.1)
+        print("no page:", _told(observer.over(given.seconds)))
+        for pages in (1, given.pages):
+            words = [sys.executable, __file__, "--shown", url, "--pages", str(pages)]
+            words += ["--seconds", str(given.seconds + 2)]
+            with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as browsers:
+                time.sleep(1)
+                told = _told(observer.over(given.seconds))
+                seen = json.loads(browsers.communicate()[0])
+            late = [
+                at - observer.came[key]
+                for page in seen
+                for key, at in page["came"].items()
+                if key in observer.came
+            ]
+            first = median(page["first"] for page in seen)
+            print(
+                f"{pages} pages: {told}; a map is {median(late):.3f} s later than at a subscriber, at most "
+                f"{max(late):.3f} (0.3); first map after {first:.2f} s (1)"
+            )
+        observer.client.close()
+
+
+def _told(counts: dict[str, float]) -> str:
+    return f"{counts['frames/s']:.1f} frames/s, {counts['maps/s']:.2f} maps/s, {counts['lost']} lost (0)"
 
 
 if __name__ == "__main__":
