@@ -11,7 +11,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from service import signals, streams
+from service import leaving, signals, streams
 from service.versions import software_version
 
 DONE, FAILED, USAGE, DATA_LOST = 0, 1, 2, 3
@@ -62,6 +62,7 @@ COMMANDS: dict[str, Entry] = {
     "doctor": Entry("service.cli.doctor", "doctor", "Check this machine, and say how to mend it.", _DEVICES),
     "capture": Entry("service.cli.capture", "capture", "Record a few frames, with a picture.", _DEVICES),
     "hz": Entry("service.cli.hz", "hz", "Show frame rate, jitter and drops.", _DEVICES),
+    "quality": Entry("service.cli.quality", "quality", "Measure how well a rig measures.", _DEVICES),
     "calibrate": Entry(
         "service.cli.calibrate", "calibrate", "Find a camera's optics, errors, noise and mount.", _DEVICES
     ),
@@ -206,5 +207,9 @@ def _root(
 def main() -> NoReturn:
     """Run the command line; raises SystemExit."""
     streams.settle()
-    app(prog_name="lidarboost")
+    try:
+        app(prog_name="lidarboost")
+    except SystemExit as told:
+        leaving.leave(told.code if isinstance(told.code, int) else DONE)
+        raise
     raise SystemExit(DONE)

@@ -9,6 +9,9 @@ from pydantic import BaseModel, ConfigDict, Field, SecretStr, field_validator, m
 from drivers.settings import CameraSettings
 from solver.options import FusionOptions, Method
 
+Preset = Literal["fine", "fast", "far", "dark"]
+"""Names of the presets; `service.config.presets` has what they set."""
+
 
 class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -23,7 +26,7 @@ class CameraSection(_Section):
     recording: Path | None = Field(None, description="What `auto` plays where there is no real camera.")
     options: dict[str, Any] = Field({}, description="Options of the backend itself; it checks them.")
     settings: CameraSettings | None = Field(
-        None, description="Settings to put in force; none = as the camera has them."
+        None, description="Settings to put in force; those not named stay as the camera has them."
     )
     calibration: Path | None = Field(
         None, description="TOML file that replaces the calibration the camera brings along."
@@ -77,13 +80,13 @@ class FusionSection(_Section):
     frames: int = Field(15, ge=1, le=200, description="Frames of one burst.")
     method: Method = Field("auto", description="`auto` = `phasor` where there is amplitude, else `area`.")
     upsampling: int = Field(4, ge=1, le=16, description="β: fused pixels per sensor pixel, along each axis.")
-    regularization: Annotated[float, Field(gt=0)] | Literal["auto"] = Field(
+    regularization: Annotated[float, Field(gt=0, le=1e9)] | Literal["auto"] = Field(
         "auto",
         description="λ, metres (`phasor`: a factor on its penalties, 1 = auto); `auto` = from the noise.",
     )
     tolerance: float = Field(1e-3, gt=0, lt=1, description="Relative error at which the solve stops.")
     max_iterations: int = Field(1000, ge=1, le=1_000_000, description="Most iterations of one solve.")
-    amplitude_threshold: Annotated[float, Field(ge=0)] | Literal["auto"] = Field(
+    amplitude_threshold: Annotated[float, Field(ge=0, le=1e9)] | Literal["auto"] = Field(
         "auto",
         description="Counts per second of integration time under which a sample is not used; 0 = none.",
     )
@@ -125,6 +128,13 @@ class ZenohSection(_Section):
     )
     config: Path | None = Field(
         None, description="Zenoh's own JSON5 file; none = a peer that listens on tcp/127.0.0.1:7447."
+    )
+    raw_rate: float | None = Field(
+        None,
+        gt=0,
+        le=1000,
+        description="Raw frames published per second at most, for thin links; none = all. Recordings and "
+        "fusion have all in any case.",
     )
 
 
@@ -207,6 +217,40 @@ class WebSection(_Section):
         return self
 
 
+class MetricsSection(_Section):
+    """Metrics, and whether the service is alive and ready, by HTTP on this machine alone."""
+
+    enabled: bool = Field(
+        False, description="Serve /metrics (Prometheus), /healthz and /readyz; needs lidarboost[metrics]."
+    )
+    port: int = Field(9464, ge=0, le=65535, description="TCP port on 127.0.0.1; 0 = any that is free.")
+
+
+class Ros2Section(_Section):
+    """The service as a node of ROS 2 under rmw_zenoh; needs lidarboost[ros2]."""
+
+    enabled: bool = Field(False, description="Appear to ROS 2 nodes.")
+    domain: int = Field(0, ge=0, le=232, description="ROS_DOMAIN_ID.")
+    namespace: str = Field(
+        "/lidarboost",
+        pattern=r"^(/|(/[A-Za-z_][A-Za-z0-9_]*)+)$",
+        description="What the names of node and topics begin with; / = nothing.",
+    )
+    distribution: Literal["humble", "iron", "jazzy", "kilted", "lyrical"] = Field(
+        "jazzy", description="Of the nodes that listen."
+    )
+    config: Path | None = Field(
+        None,
+        description="Zenoh's own JSON5 file for this session; none = reached where the service listens.",
+    )
+
+
+class LogSection(_Section):
+    """How the service says what happens, on standard output."""
+
+    format: Literal["text", "json"] = Field("text", description="Lines to read, or a JSON object a line.")
+
+
 class SinkSection(_Section):
     """One more that takes the events of the service."""
 
@@ -221,6 +265,10 @@ class Configuration(_Section):
     """Everything that can be set, by one TOML file, then the environment, then flags."""
 
     start: Literal["idle", "scan", "stream"] = Field("scan", description="What the service does first.")
+    preset: Preset | None = Field(
+        None,
+        description="Settings for a purpose, under all that is set explicitly: lidarboost config presets.",
+    )
     camera: CameraSection = CameraSection()
     stage: StageSection = StageSection()
     plan: PlanSection = PlanSection()
@@ -230,4 +278,7 @@ class Configuration(_Section):
     recording: RecordingSection = RecordingSection()
     output: OutputSection = OutputSection()
     web: WebSection = WebSection()
+    metrics: MetricsSection = MetricsSection()
+    ros2: Ros2Section = Ros2Section()
+    log: LogSection = LogSection()
     sinks: dict[str, SinkSection] = Field({}, description="Further sinks, by the name of each.")

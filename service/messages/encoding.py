@@ -20,6 +20,7 @@ from drivers.messages import (
     protobuf_message,
     protobuf_time,
 )
+from drivers.names import shown
 from service.errors import EncodingError
 from service.messages.events import (
     BurstCaptured,
@@ -39,13 +40,14 @@ from service.messages.topics import (
     FUSED_DEPTH,
     FUSED_DEVIATION,
     FUSED_POINTS,
+    FUSED_REASON,
     FUSED_REPORT,
     LOG,
     REPLAY_STATE,
     SCAN_PROGRESS,
     STATUS,
 )
-from solver.geometry import depth_from_distance, points_from_distance
+from solver.geometry import points_from_distance
 
 POINT_FIELDS = ("x", "y", "z", "amplitude", "deviation")
 
@@ -113,15 +115,15 @@ def _(event: Logged) -> list[Message]:
 
 
 def fused_messages(result: FusedMap) -> list[Message]:
-    """Calibration, depth, deviation, amplitude where there is one, and report of a fused map.
+    """Calibration, depth, deviation, amplitude where there is one, reasons and report of a fused map.
 
     All carry the time of the reference frame, so that its transform applies. The calibration comes first:
     who has an image can ask for what belongs to it.
     """
     at = result.frame.timestamp, result.frame.sequence
-    lens = result.calibration.distortion or None
     # Z = distance · cos(angle off the axis), and so is its standard deviation.
-    deviation = depth_from_distance(result.deviation, result.intrinsics, lens)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        deviation = result.deviation * (result.depth / result.distance)
     messages = [
         calibration_message(fused_calibration(result), at[0], topic=FUSED_CALIBRATION, sequence=at[1]),
         image_message(FUSED_DEPTH, result.depth, "32FC1", CAMERA_FRAME_ID, *at),
@@ -129,6 +131,7 @@ def fused_messages(result: FusedMap) -> list[Message]:
     ]
     if result.amplitude is not None:
         messages.append(image_message(FUSED_AMPLITUDE, result.amplitude, "32FC1", CAMERA_FRAME_ID, *at))
+    messages.append(image_message(FUSED_REASON, result.reason, "8UC1", CAMERA_FRAME_ID, *at))
     return [*messages, json_message(FUSED_REPORT, result.report, *at)]
 
 
@@ -179,7 +182,7 @@ def log_message(record: logging.LogRecord) -> Message:
     message = Log(
         timestamp=protobuf_time(timestamp),
         level=_log_level(record.levelno),
-        message=record.getMessage(),
+        message=shown(record.getMessage()),
         name=record.name,
         file=record.filename,
         line=record.lineno,

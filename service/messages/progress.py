@@ -3,15 +3,15 @@
 from pydantic import BaseModel, ConfigDict, Field
 
 
-class SolveProgress(BaseModel):
-    """The solve at work."""
+class SolverProgress(BaseModel):
+    """A solve on its way."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
 
-    burst: int = Field(0, description="Number of the burst.")
-    iteration: int = Field(0, ge=0, description="Iterations done.")
-    limit: int = Field(0, ge=0, description="Iterations at most; most solves need far fewer.")
-    gap: float | None = Field(None, description="Relative duality gap; none = not known on the way.")
+    burst: int = Field(description="Number of the burst that is being fused.")
+    iteration: int = Field(ge=0, description="Iterations so far, of the pass at work.")
+    objective: float | None = Field(None, description="What is being minimised; none = not known.")
+    gap: float | None = Field(None, description="Relative duality gap; none for methods without one.")
 
 
 class ScanProgress(BaseModel):
@@ -27,4 +27,6 @@ class ScanProgress(BaseModel):
         None, ge=0, description="Until it is captured, as the poses so far took; none = not known."
     )
     fusing: int = Field(0, ge=0, description="Bursts that wait for their map, or are being fused.")
-    fusion: SolveProgress | None = Field(None, description="The solve at work; none = there is none.")
+    solver: SolverProgress | None = Field(
+        None, description="The solve at work; none = none, or not heard of yet."
+    )

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from pathlib import Path
 from threading import Lock
 from types import TracebackType
 from typing import Any, Self
@@ -15,6 +16,7 @@ from drivers.documents import parse_json
 from drivers.messages import CAMERA_CALIBRATION
 from service.errors import RemoteError
 from service.messages.decoding import Received, decode
+from service.messages.receipt import RECEIPT, Receipt
 from service.messages.topics import ALIVE, FUSED_CALIBRATION, TOPICS, Congestion, Topic
 from service.wire.addresses import DEFAULT_ENDPOINT, DEFAULT_PREFIX, MANIFEST, SCHEMA
 from service.wire.asking import Answer, Asking
@@ -46,19 +48,31 @@ class Client:
     Args:
         endpoint: where the service, or a router, listens.
         prefix: of the service's keys.
+        config: Zenoh's own JSON5 file, for certificates and the like; endpoints that it names go before
+            `endpoint`.
+        receipts: tell the service when a map of a subscription is in hand: its status then shows how long
+            that took.
 
     Attributes:
         scan, stream, stage, record, replay, settings, plan, fusion: its commands; they raise a
             `CommandError`.
 
     Raises:
-        SessionError: the endpoint is not one.
+        SessionError: the endpoint is not one, or the file cannot be used.
     """
 
-    def __init__(self, endpoint: str = DEFAULT_ENDPOINT, prefix: str = DEFAULT_PREFIX) -> None:
-        self._endpoint, self._prefix = endpoint, prefix
+    def __init__(
+        self,
+        endpoint: str = DEFAULT_ENDPOINT,
+        prefix: str = DEFAULT_PREFIX,
+        *,
+        config: str | Path | None = None,
+        receipts: bool = False,
+    ) -> None:
+        self._endpoint, self._prefix, self._receipts = endpoint, prefix, receipts
         self._resources = ExitStack()
-        self._session = self._resources.enter_context(open_session(listen=(), connect=(endpoint,)))
+        file = None if config is None else Path(config)
+        self._session = self._resources.enter_context(open_session((), (endpoint,), file))
         self._subscriptions: set[Subscription] = set()
         self._resources.callback(self._close_subscriptions)
         self._calibrations: dict[str, LatestCalibration] = {}
@@ -117,12 +131,9 @@ class Client:
         """
         row = _published(topic)
         keep = _IMAGES if row.congestion is Congestion.DROP else _MESSAGES
+        read = self._confirmed if self._receipts and topic.startswith("fused/") else self._decode
         subscription = Subscription(
-            topic,
-            keep,
-            self._decode,
-            lambda arrived: self._declare(topic, arrived),
-            self._subscriptions.discard,
+            topic, keep, read, lambda arrived: self._declare(topic, arrived), self._subscriptions.discard
         )
         self._subscriptions.add(subscription)
         if handler is not None:
@@ -189,6 +200,14 @@ class Client:
             return received
         source = CAMERA_CALIBRATION if topic.startswith("camera/") else FUSED_CALIBRATION
         return self._calibration(source).given_to(received)
+
+    def _confirmed(self, sample: zenoh.Sample) -> Received:
+        received = self._decode(sample)
+        if received.timestamp is not None:
+            receipt = Receipt(who=self._asking.who, topic=received.topic, timestamp=received.timestamp)
+            key = f"{self._prefix}/{RECEIPT}/{self._session.info.zid()}"
+            self._session.put(key, receipt.model_dump_json(), congestion_control=zenoh.CongestionControl.DROP)
+        return received
 
     def _calibration(self, topic: str) -> "LatestCalibration":
         """The latest calibration of a topic, followed from the first image on."""

@@ -10,6 +10,7 @@ from typing import Any, Self
 import zenoh
 
 from drivers.messages import Message
+from drivers.names import shown
 from service.allowance import Allowance
 from service.errors import CommandError, InvalidArgumentError, UnavailableError
 from service.wire.encoding import Octets, encoding
@@ -160,7 +161,7 @@ class Queries:
 
 def refusal(error: CommandError) -> bytes:
     """`{"code": …, "message": …}`."""
-    return json.dumps({"code": error.code, "message": str(error)}, ensure_ascii=False).encode()
+    return json.dumps({"code": error.code, "message": shown(error)}, ensure_ascii=False).encode()
 
 
 def _refuse(query: zenoh.Query, error: CommandError) -> None:

@@ -161,6 +161,23 @@ def test_a_recording_is_replayed_and_sought(page: Page, rig: Rig) -> None:
     page.click("Health", ".tabs")
 
 
+def test_a_torn_recording_is_recovered_and_a_whole_one_fetched(page: Page, rig: Rig) -> None:
+    whole = (ROOT / "recordings" / "wedges.mcap").read_bytes()
+    (rig.recordings / "whole.mcap").write_bytes(whole)
+    (rig.recordings / "torn.mcap.active").write_bytes(whole[: len(whole) // 2])
+    page.click("Recordings", ".tabs")
+    page.click("Look again", ".recordings")
+    page.click("Recover torn.mcap.active", ".files")
+    wait(lambda: "a recording of its own" in page.text(".notices"))
+    address = page.button("Download whole.mcap", ".files").get_attribute("href")
+    size = page.driver.execute_async_script(
+        "fetch(arguments[0]).then((got) => got.arrayBuffer()).then((got) => arguments[1](got.byteLength))",
+        address,
+    )
+    assert size == len(whole)
+    page.click("Health", ".tabs")
+
+
 def test_what_is_refused_is_said(page: Page, rig: Rig) -> None:
     (rig.recordings / "noise.mcap").write_bytes(b"not a recording")
     page.click("Recordings", ".tabs")

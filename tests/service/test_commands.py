@@ -82,6 +82,7 @@ def test_one_burst_is_answered_with_its_report_and_map(tmp_path: Path, endpoint:
             "fused/depth",
             "fused/deviation",
             "fused/amplitude",
+            "fused/reason",
             "fused/report",
         ]
         assert messages[1]["encoding"] == "application/protobuf;foxglove.RawImage"

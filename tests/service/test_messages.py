@@ -1,3 +1,4 @@
+import json
 import logging
 from collections.abc import Callable
 
@@ -8,10 +9,11 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
-from drivers.messages import Message
+from drivers.messages import Message, json_message
 from service.messages.encoding import fused_messages, log_message, points_message
 from service.messages.map import FusedMap
 from service.messages.report import BurstReport
+from service.messages.status import Degraded, RecorderState, Status
 from service.messages.topics import TOPICS
 
 
@@ -105,3 +107,16 @@ def test_log_records_keep_their_level_and_text(level: int, expected: int) -> Non
         expected, "lost camera", "service.capture.rig", "rig.py", 12,
     )  # fmt: skip
     assert abs(log.timestamp.ToNanoseconds() - record.created * 1e9) < 1e6
+
+
+def test_names_that_are_no_text_break_neither_status_nor_log() -> None:
+    odd = "/data/odd-\udcff.mcap"
+    faults = (Degraded(what=f"{odd}: the disk is full"),)
+    told = Status(recorder=RecorderState(file=odd), degraded=faults, latency=float("inf"))
+    read = json.loads(json_message("status", told, 0).payload)
+    whole = "/data/odd-\N{REPLACEMENT CHARACTER}.mcap"
+    assert (read["recorder"]["file"], read["degraded"][0]["what"]) == (whole, f"{whole}: the disk is full")
+    assert read["latency"] is None
+    assert Status.model_validate(read).recorder is not None
+    record = logging.LogRecord("service", logging.INFO, "f.py", 1, "wrote %s", (odd,), None)
+    assert Log.FromString(log_message(record).payload).message == f"wrote {whole}"

@@ -41,5 +41,6 @@ def test_nothing_but_images_and_what_belongs_to_a_frame_may_be_dropped() -> None
         "fused/deviation",
         "fused/amplitude",
         "fused/points",
+        "fused/reason",
         "scan/progress",
     }

@@ -9,6 +9,7 @@ from service.config.sections import PlanSection
 from service.daemon.desk import Desk
 from service.daemon.modes import plan_of
 from service.daemon.playing import Playing
+from service.daemon.renewal import reconfigure
 from service.daemon.verb import Answer, Command, Place, Reply, Verb
 
 
@@ -41,7 +42,7 @@ class Set(Verb, PlanSection):
 
     def carry_out(self, desk: Desk) -> Answer:
         daemon = desk.daemon
-        daemon.reconfigure(plan=desk.changed(daemon.configuration.plan, self.given))
+        reconfigure(daemon, plan=desk.changed(daemon.configuration.plan, self.given))
         return _reply(desk)
 
 

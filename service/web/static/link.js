@@ -12,7 +12,7 @@ const MESSAGES = {
 };
 
 /** A command that was refused; `code` as the rig names it. */
-export class CommandError extends Error {
+class CommandError extends Error {
   constructor(code, message) {
     super(message);
     this.code = code;

@@ -1,5 +1,6 @@
-// Connects while the rest of the page is still on its way.
+// Connects, and asks for the map, while the rest of the page is still on its way.
 
-import { connect } from "./link.js";
+import { connect, want } from "./link.js";
 
+want(["fused/depth"]);
 connect();

@@ -7,7 +7,7 @@ import { rig, rigLink, useStore } from "../store.js";
 import { fieldsOf, parse } from "./schema.js";
 
 /** The form of `cmd/NAME`; only what was changed is sent. */
-export function Form({ name, title, open }) {
+function Form({ name, title, open }) {
   const known = useStore(rig), link = useStore(rigLink);
   const fields = useMemo(() => fieldsOf(known?.schemas?.[`cmd/${name}`]?.request, "set"), [known]);
   const [inForce, setInForce] = useState(null), [edits, setEdits] = useState({}), [said, setSaid] = useState(null);

@@ -34,6 +34,8 @@ function state(told, link, joined) {
   if (!link.up) return ["no rig", link.message, "bad"];
   if (!told) return ["connected", "", ""];
   const word = told.paused ? `${told.state}, paused` : told.state;
+  const trouble = told.degraded[0]?.what ?? told.error?.what;
+  if (trouble) return [word, trouble, "warn"];
   const kind = { scanning: "busy", streaming: "busy", recovering: "bad", idle: "" }[told.state] ?? "warn";
   return [word, [told.reason, `for ${span(told.seconds)}`].filter(Boolean).join(" · "), told.paused ? "warn" : kind];
 }
