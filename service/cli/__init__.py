@@ -39,7 +39,10 @@ COMMANDS: dict[str, Entry] = {
     "status": Entry("service.cli.status", "status", "Show how a running service is doing.", _LIVE),
     "get": Entry("service.cli.get", "get", "Show or save the latest value of a topic.", _LIVE),
     "watch": Entry("service.cli.watch", "watch", "Print the messages of a topic as they come.", _LIVE),
-    "view": Entry("service.cli.view", "view", "Look at a rig in a browser.", _LIVE),
+    "rigs": Entry("service.cli.rigs", "rigs", "List the rigs that are alive, and what they do.", _LIVE),
+    "view": Entry(
+        "service.cli.view", "view", "Show a recording or a rig in Rerun, or a rig in a browser.", _LIVE
+    ),
     "scan": Entry("service.cli.scan", "app", "Have it scan: start, stop, cancel, once, pause …", _LIVE),
     "stream": Entry("service.cli.stream", "app", "Have it fuse every frame: start, stop.", _LIVE),
     "record": Entry("service.cli.record", "app", "Record; list, keep, fetch, save recordings.", _LIVE),
@@ -71,7 +74,7 @@ COMMANDS: dict[str, Entry] = {
 }
 """Every command, in the order that help shows them."""
 
-_STOPPING = frozenset({"run", "capture", "view"})
+_STOPPING = frozenset({"run", "capture"})
 """Commands for which a signal is a wish to stop, and no interruption."""
 
 

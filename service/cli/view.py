@@ -1,80 +1,99 @@
-"""`lidarboost view`: a rig in a browser."""
+"""`lidarboost view`: a recording or a running rig in Rerun, or a rig in a browser."""
 
-from typing import TYPE_CHECKING, Annotated
+from pathlib import Path
+from typing import Annotated
 
 import typer
 
-from service.cli.remote import DEFAULT_ENDPOINT, DEFAULT_PREFIX, Endpoint, Prefix
+from service.cli.remote import DEFAULT_ENDPOINT, DEFAULT_PREFIX, Endpoint, Prefix, Timeout
 
-if TYPE_CHECKING:
-    from service.web.options import PageOptions
+_PAGE = "The live page"
 
 
 def view(
-    web: Annotated[bool, typer.Option("--web", help="As a page in a browser.")] = False,
+    file: Annotated[
+        Path | None, typer.Argument(metavar="[FILE]", help="A recording, MCAP; none = a running rig.")
+    ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(help="Show nothing, but save what would be shown as PNG; of a rig its latest map."),
+    ] = None,
+    web: Annotated[
+        bool, typer.Option("--web", help="Serve the live page of a rig instead.", rich_help_panel=_PAGE)
+    ] = False,
     host: Annotated[
         str,
         typer.Option(
-            envvar="LIDARBOOST_WEB__HOST", help="Address to listen on; others than loopback need a token."
+            envvar="LIDARBOOST_WEB__HOST",
+            help="Address to listen on; one that others can reach needs a token.",
+            rich_help_panel=_PAGE,
         ),
     ] = "127.0.0.1",
     port: Annotated[
         int,
         typer.Option(
-            envvar="LIDARBOOST_WEB__PORT", min=0, max=65535, help="Port to listen on; 0 = any that is free."
+            envvar="LIDARBOOST_WEB__PORT",
+            min=0,
+            max=65535,
+            help="Port to listen on; 0 = any that is free.",
+            rich_help_panel=_PAGE,
         ),
     ] = 8470,
     token: Annotated[
         str | None,
-        typer.Option(envvar="LIDARBOOST_WEB__TOKEN", help="What whoever opens the page has to know."),
+        typer.Option(
+            envvar="LIDARBOOST_WEB__TOKEN",
+            help="What whoever opens the page has to know.",
+            rich_help_panel=_PAGE,
+        ),
     ] = None,
     endpoint: Endpoint = DEFAULT_ENDPOINT,
     prefix: Prefix = DEFAULT_PREFIX,
+    timeout: Timeout = 10.0,
 ) -> None:
-    """Serve the live page of a rig, here or anywhere on the network, until Ctrl-C.
+    """Show a recording or a running rig in the viewer Rerun, until it is closed.
 
-    The rig need not run yet; it may be restarted meanwhile.
+    Needs lidarboost[rerun]. The viewer listens on loopback alone.
+
+    With --web it serves the live page of a rig, here or anywhere on the
+    network, until Ctrl-C; needs lidarboost[web]. The rig need not run yet.
 
     [bold]Examples[/bold]
 
-      lidarboost view --web
+      lidarboost view out/fused.mcap
 
-    The page of another machine's rig:
+      lidarboost view --endpoint tcp/127.0.0.1:7447
+
+      lidarboost view out/fused.mcap --picture map.png
+
+    The live page, of a rig on another machine:
       lidarboost view --web --endpoint tcp/192.168.1.20:7447
 
-    For a tablet in the same network; give the token as LIDARBOOST_WEB__TOKEN, which other users do not see:
+    For a tablet in the same network, with a token that other users do not see:
       LIDARBOOST_WEB__TOKEN=… lidarboost view --web --host 0.0.0.0
     """
-    from urllib.parse import quote
+    if web:
+        from service.cli.page import serve_page
 
-    from service.signals import stopping
-    from service.versions import PAGE_PACKAGES, require_packages
+        if file is not None or picture is not None:
+            raise typer.BadParameter(
+                "--web shows a running rig; load a recording on its page"
+            )
+        serve_page(host=host, port=port, token=token, endpoint=endpoint, prefix=prefix)
+        return
+    from service.jobs.rerun_view import show_live, viewer
 
-    if not web:
-        raise typer.BadParameter("say how: --web serves a page for a browser")
-    require_packages("web", *PAGE_PACKAGES)
-    from service.web.server import PageServer
+    if file is not None:
+        from drivers.recording import Recording
 
-    options = _options({"host": host, "port": port, "token": token, "endpoint": endpoint, "prefix": prefix})
-    with stopping() as signals, PageServer(options) as page:
-        signals.stops(page.stop)
-        secret = "" if options.secret is None else f"?token={quote(options.secret, safe='')}"
-        print(f"page: {page.url}{secret}", flush=True)
-        while not page.wait(1.0):
-            pass
-
-
-def _options(given: dict[str, object]) -> "PageOptions":
-    from pydantic import ValidationError
-
-    from service.errors import ConfigurationError
-    from service.web.options import PageOptions
-
-    try:
-        return PageOptions.model_validate(given)
-    except ValidationError as error:
-        faults = error.errors(include_url=False, include_input=False)
-        said = "; ".join(
-            f"--{fault['loc'][0]}: {fault['msg']}" if fault["loc"] else fault["msg"] for fault in faults
-        )
-        raise ConfigurationError(said.replace("web.token", "--token")) from error
+        Recording(file)  # what is none is told here, in one line
+    with viewer(headless=picture is not None) as shown:
+        if file is not None:
+            shown.show(file)
+        else:
+            show_live(shown, endpoint, prefix, timeout, maps=None if picture is None else 1)
+        if picture is not None:
+            shown.save_picture(picture)
+            print(f"wrote {picture}")
+        elif file is not None:
+            shown.wait()

@@ -318,3 +318,39 @@ def test_nothing_is_made_of_a_camera_without_amplitude(tmp_path):
         sink.take(events()[0])
         told = [m.topic for m in sink._messages(FrameCaptured(made_frame(amplitude=False), LENS.mount))]
     assert told == ["/tf", "camera/depth/camera_info"]  # and nobody listens to the images
+
+
+def test_a_camera_of_ours_sees_the_rig_as_a_depth_camera(tmp_path):
+    import threading
+
+    from drivers import make_camera
+    from service.messages.events import FrameCaptured
+
+    opened = events()[0]
+    stop = threading.Event()
+    with ros_rig(tmp_path) as (endpoint, sink):
+
+        def run():
+            sink.take(opened)
+            number = 0
+            while not stop.wait(0.02):
+                sink.take(FrameCaptured(made_frame(number % 100), LENS.mount))
+                number += 1
+
+        thread = threading.Thread(target=run)
+        thread.start()
+        try:
+            topics = {"depth": "lidarboost/camera/depth/image_raw", "kind": "depth"}
+            options = {"source": "ros2", "endpoint": endpoint, "wait": 20.0} | topics
+            options["amplitude"] = "lidarboost/camera/amplitude/image_raw"
+            with make_camera("zenoh", options) as camera:
+                camera.start()
+                frame = camera.grab(10)
+                known = camera.calibration
+        finally:
+            stop.set()
+            thread.join()
+    truth = made_frame()
+    np.testing.assert_allclose(frame.distance, truth.distance, rtol=1e-5)
+    np.testing.assert_array_equal(frame.amplitude, truth.amplitude)
+    assert (known.intrinsics, known.distortion) == (LENS.intrinsics, LENS.distortion)

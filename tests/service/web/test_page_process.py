@@ -7,7 +7,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from urllib.request import urlopen
@@ -162,7 +162,7 @@ def test_what_cannot_be_served_is_said_in_one_line(arguments: list[str], said: s
     assert re.search(said, line), line
 
 
-def test_how_to_view_must_be_said(free_endpoint: Callable[[], str]) -> None:
-    result = CliRunner().invoke(app, ["view", "--endpoint", free_endpoint()])
+def test_a_page_shows_a_rig_and_no_file(tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["view", str(tmp_path / "a.mcap"), "--web"])
     assert result.exit_code == 2
-    assert "--web" in result.stderr
+    assert "load a recording on its page" in result.stderr
