@@ -76,9 +76,7 @@ def view(
         from service.cli.page import serve_page
 
         if file is not None or picture is not None:
-            raise typer.BadParameter(
-                "--web shows a running rig; load a recording on its page"
-            )
+            raise typer.BadParameter("--web shows a running rig; load a recording on its page")
         serve_page(host=host, port=port, token=token, endpoint=endpoint, prefix=prefix)
         return
     from service.jobs.rerun_view import show_live, viewer
