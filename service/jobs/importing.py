@@ -9,6 +9,10 @@ from drivers.errors import RecordingError
 from drivers.frame import AmplitudeMode
 from drivers.importers import Import
 from drivers.recording import RecordingWriter, recording_head
+from service.jobs.prefetch import prefetched
+
+_AHEAD = 8
+"""Frames that are read while others are compressed and written."""
 
 
 class ImportSummary(BaseModel):
@@ -73,7 +77,7 @@ def record_import(
         frames_per_burst=frames_per_burst or found.count,
     )
     with RecordingWriter(output, head.metadata) as writer:
-        for frame in found.frames():
+        for frame in prefetched(found.frames(), _AHEAD):
             if last is None:
                 writer.write_calibration(found.calibration, frame.timestamp)
             writer.write_frame(frame, found.calibration.mount)

@@ -129,7 +129,7 @@ def test_every_field_says_what_it_means_and_every_number_is_bounded() -> None:
     # All but `start` and `preset` are sections; of `sinks` there may be any number.
     assert len(sections) == len(Configuration.model_fields) - 2
     options = [part for name, part in found["$defs"].items() if "Options." in name]
-    assert len(options) == 10
+    assert len(options) == 11
     for section in [*sections, *options]:
         for name, field in section.get("properties", {}).items():
             assert field.get("description"), f"{section['title']}.{name} says nothing"

@@ -353,4 +353,5 @@ def test_a_camera_of_ours_sees_the_rig_as_a_depth_camera(tmp_path):
     truth = made_frame()
     np.testing.assert_allclose(frame.distance, truth.distance, rtol=1e-5)
     np.testing.assert_array_equal(frame.amplitude, truth.amplitude)
-    assert (known.intrinsics, known.distortion) == (LENS.intrinsics, LENS.distortion)
+    assert known.intrinsics == LENS.intrinsics
+    assert known.distortion == LENS.distortion[:4]  # trailing zeros say nothing
