@@ -1,5 +1,6 @@
 """The live page of a rig, by itself."""
 
+import os
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
@@ -15,7 +16,7 @@ def serve_page(**given: Any) -> None:
     require_packages("web", *PAGE_PACKAGES)
     from service.web.server import PageServer
 
-    options = _options(given)
+    options = _options(given | {"client": os.environ.get("LIDARBOOST_CLIENT") or None})
     with stopping() as signals, PageServer(options) as page:
         signals.stops(page.stop)
         secret = "" if options.secret is None else f"?token={quote(options.secret, safe='')}"

@@ -1,6 +1,7 @@
 """The live page's process: started beside the daemon, watched, and started again; nobody else notices."""
 
 import logging
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Event, Thread
@@ -39,6 +40,7 @@ class PageKeeper:
         self._options = section.model_dump() | {
             "endpoint": endpoint,
             "prefix": prefix,
+            "client": os.environ.get("LIDARBOOST_CLIENT") or None,
             "token": None if token is None else token.get_secret_value(),
         }
         self._states = states

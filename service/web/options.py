@@ -1,5 +1,7 @@
 """What the server of the live page is told."""
 
+from pathlib import Path
+
 from pydantic import Field
 
 from service.config.sections import WebSection
@@ -11,6 +13,7 @@ class PageOptions(WebSection):
 
     endpoint: str = Field(DEFAULT_ENDPOINT, description="Where the service, or a router, listens.")
     prefix: str = Field(DEFAULT_PREFIX, description="What its keys begin with.")
+    client: Path | None = Field(None, description="Zenoh file with certificates and the like.")
 
     @property
     def secret(self) -> str | None:

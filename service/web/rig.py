@@ -47,7 +47,7 @@ class RigWatch:
 
     def __init__(self, options: PageOptions, loop: asyncio.AbstractEventLoop, hub: Hub) -> None:
         self._options, self._loop, self._hub = options, loop, hub
-        self.client = Client(options.endpoint, options.prefix)
+        self.client = Client(options.endpoint, options.prefix, config=options.client)
         self._ending = Flag()
         self._heard = self._drawn = 0.0
         self._undrawn: Received | None = None
