@@ -73,7 +73,8 @@ class Page:
         """A button or link by its text or label; None where there is none that can be pressed."""
         script = """const [name, within] = arguments;
             return [...document.querySelectorAll(`${within} :is(button, a.button)`)].find((button) =>
-            !button.disabled && [button.innerText.trim(), button.firstChild?.textContent.trim(), button.ariaLabel].includes(name)) ?? null"""
+            !button.disabled && [button.innerText, button.firstChild?.textContent, button.ariaLabel]
+            .some((text) => text?.trim() === name)) ?? null"""
         return self.ask(script, name, within)
 
     def click(self, name: str, within: str = "body") -> None:

@@ -27,7 +27,7 @@ export function ScanPanel() {
 }
 
 function Solve({ told, last }) {
-  const solve = told?.solver ?? told?.fusion;
+  const solve = told?.solver;
   if (solve) {
     const most = Math.max(solve.iteration, last?.iterations ?? 0);  // as the last one took
     return html`<${Bar} name=${`Fusing burst ${solve.burst}`} value=${solve.iteration} most=${most}
