@@ -98,10 +98,8 @@ class Hub:
 
     def described(self, manifest: dict[str, Any], schemas: dict[str, Any]) -> None:
         """What the rig is and offers."""
-        text = json.dumps({"type": "rig", "manifest": manifest, "schemas": schemas})
-        if text != self._rig:
-            self._rig = text
-            self._tell_text(text)
+        self._rig = json.dumps({"type": "rig", "manifest": manifest, "schemas": schemas})
+        self._tell_text(self._rig)
 
     def heard(self, received: Received) -> None:
         """A JSON message of the rig."""
