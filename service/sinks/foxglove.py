@@ -26,7 +26,10 @@ _BACKLOG = 64
 _THINNED = Extras(points=4)
 """As many points as a frame has pixels: a viewer shows no more, and all of them cost 8 MB a map."""
 
-_MADE = {**ON_DEMAND, FUSED_POINTS: lambda event: _THINNED.of(event)[0]}
+_MADE: dict[str, Callable[[MapFused], Message]] = {
+    **ON_DEMAND,
+    FUSED_POINTS: lambda event: _THINNED.of(event)[0],
+}
 
 _LET_GO, _POLL = 5.0, 0.05
 """Seconds that a stopped server may keep its port, and between two looks."""
