@@ -193,17 +193,8 @@ def planned(settings: Configuration, rig: Rig, poses: int) -> Plan:
     Raises:
         PlanError: a pose out of reach.
     """
-    limits = rig.stage.limits
-    only_pan = limits.tilt[0] == limits.tilt[1]
-    plan = make_plan(
-        settings.plan.model_copy(update={"axes": "pan"}) if only_pan else settings.plan,
-        poses,
-        rig.calibration.intrinsics,
-        upsampling=settings.fusion.upsampling,
-        resolution=radians(settings.stage.resolution) or rig.stage.resolution,
-        still=only_pan and limits.pan[0] == limits.pan[1],
-    )
-    plan.check(limits)
+    plan = plan_of(settings, rig, poses)
+    plan.check(rig.stage.limits)
     if plan.moves:
         expected = estimate_plan(
             plan,
@@ -216,3 +207,17 @@ def planned(settings: Configuration, rig: Rig, poses: int) -> Plan:
         for warning in expected.warnings:
             _log.warning("plan: %s", warning)
     return plan
+
+
+def plan_of(settings: Configuration, rig: Rig, poses: int) -> Plan:
+    """The configured plan for the stage at hand, within its reach or not; touches no device."""
+    limits = rig.stage.limits
+    only_pan = limits.tilt[0] == limits.tilt[1]
+    return make_plan(
+        settings.plan.model_copy(update={"axes": "pan"}) if only_pan else settings.plan,
+        poses,
+        rig.calibration.intrinsics,
+        upsampling=settings.fusion.upsampling,
+        resolution=radians(settings.stage.resolution) or rig.stage.resolution,
+        still=only_pan and limits.pan[0] == limits.pan[1],
+    )

@@ -96,7 +96,7 @@ def _run(
         if watch and step.blunt < _TOLD:
             course.distrust()
         if progress is not None:
-            progress(taken, course.objective(), None)
+            progress(taken, None, None)  # the objective would cost as much as some rounds
         if taken >= limit:
             return taken, step is steps[-1]
     return taken, True
