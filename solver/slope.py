@@ -17,7 +17,7 @@ _REACH = 5.0
 It is applied at half the resolution, which so wide a Gaussian does not need."""
 
 _TAPS = 3.6
-"""Deviations to either side, at least: there are a multiple of three taps (see `kernels.smoothing`)."""
+"""Deviations to either side, at least."""
 
 
 def slope(x: NDArray[np.floating], edge: float, reach: float = _REACH) -> NDArray[np.floating]:
@@ -32,7 +32,7 @@ def slope(x: NDArray[np.floating], edge: float, reach: float = _REACH) -> NDArra
         (C, 2, rows + 4, columns + 4), zero in the padding.
     """
     channels, rows, columns = len(x), x.shape[1] - 4, x.shape[2] - 4
-    taps = gaussian(reach / 2, 3 * int(np.ceil(_TAPS * reach / 6))).astype(x.dtype)
+    taps = gaussian(reach / 2, int(np.ceil(_TAPS * reach / 2))).astype(x.dtype)
     votes = np.empty((1 + 2 * channels, (rows + 1) // 2, (columns + 1) // 2), x.dtype)
     team.share(kernels.votes, x, x.dtype.type(1 / edge**2), taps, votes)
     out: NDArray[np.floating] = np.empty((channels, 2, *x.shape[1:]), x.dtype)

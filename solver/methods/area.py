@@ -29,8 +29,9 @@ error, or the recorded scenes 6 % of their mean absolute error."""
 
 _MIXING = 0.005
 """Of the scene's range, where an ambiguity range says that samples average phasors: what the average of
-distances errs by. It counts as noise that no number of frames lowers: √N times as much of each sample. Without
-it a quarter of the noise raises thin things' error by 13 %, four times the frames that of a dark floor by 5 %."""
+distances errs by. It counts as noise that no number of frames lowers: √N times as much of each sample.
+Without it a quarter of the noise raises thin things' error by 13 %, and without √N four times the frames that
+of a dark floor by 5 %."""
 
 _SMOOTH = 0.01
 """Of the scene's range, the least relief: a scene without edges is not smoothed without bounds."""

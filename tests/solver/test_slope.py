@@ -21,8 +21,10 @@ def ramp(rows: int = 40, columns: int = 60) -> np.ndarray:
     return np.stack([0.5 * i - 0.2 * j, 0.1 * i + 0.3 * j])
 
 
-def test_the_slope_of_a_ramp_is_its_rise_by_row_and_by_column() -> None:
-    found = slope(padded(ramp()), edge=100.0)[:, :, 12:-12, 12:-12]
+@pytest.mark.parametrize("reach", [2.0, 4.0, 5.0, 6.0, 8.0, 16.0])
+def test_the_slope_of_a_ramp_is_its_rise_by_row_and_by_column(reach: float) -> None:
+    """At any reach: at some, taps once were read beyond their array."""
+    found = slope(padded(ramp()), edge=100.0, reach=reach)[:, :, 12:-12, 12:-12]
     assert found == pytest.approx(
         np.broadcast_to([[[[0.5]], [[-0.2]]], [[[0.1]], [[0.3]]]], found.shape), abs=1e-3
     )
