@@ -20,6 +20,7 @@ CAMERAS: dict[str, tuple[str, str]] = {
     "replay": ("drivers.replay", "ReplayCamera"),
     "simulated": ("drivers.simulated", "SimulatedCamera"),
     "usb": ("drivers.usb", "UsbCamera"),
+    "zenoh": ("drivers.remote", "ZenohCamera"),
 }
 """Camera backends: name → (module, class). Others come by the entry point group `lidarboost.cameras`."""
 

@@ -22,9 +22,11 @@ class Numbered(Protocol):
     @property
     def integration_time(self) -> float | None: ...
     @property
-    def modulation_frequency(self) -> float: ...
+    def modulation_frequency(self) -> float | None: ...
     @property
-    def ambiguity_range(self) -> float: ...
+    def ambiguity_range(self) -> float | None: ...
+    @property
+    def has_amplitude(self) -> bool: ...
 
 
 class BurstCutter:
@@ -93,6 +95,7 @@ def _follows(last: Numbered, frame: Numbered) -> bool:
         and abs(frame.timestamp - last.timestamp) <= LONGEST_PAUSE
         and frame.modulation_frequency == last.modulation_frequency
         and frame.ambiguity_range == last.ambiguity_range
+        and frame.has_amplitude == last.has_amplitude
         and (frame.integration_time is None) == (last.integration_time is None)
     )
 

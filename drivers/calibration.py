@@ -60,10 +60,19 @@ class Corrections(_Part):
         """Whether there is any."""
         return bool(self.constant or self.cyclic or self.per_pixel)
 
-    def error(self, distance: NDArray[np.floating], ambiguity_range: float) -> NDArray[np.float64]:
-        """(H, W) metres by which measured distances (H, W) are too long."""
+    def error(self, distance: NDArray[np.floating], ambiguity_range: float | None) -> NDArray[np.float64]:
+        """(H, W) metres by which measured distances (H, W) are too long.
+
+        Raises:
+            RecordingError: a cyclic error without an ambiguity range.
+        """
         error = np.full(distance.shape, self.constant)
         for term in self.cyclic:
+            if ambiguity_range is None:
+                raise RecordingError(
+                    "the calibration has a cyclic error, and the frames have no ambiguity range: give a "
+                    "calibration of their camera"
+                )
             phase = 2 * np.pi * term.harmonic * distance / ambiguity_range + term.phase
             error += term.amplitude * np.sin(phase)
         if self.per_pixel:
@@ -140,19 +149,26 @@ class Calibration(_Part):
         """(rows, columns)."""
         return self.height, self.width
 
-    def correct(self, distance: NDArray[np.float32], ambiguity_range: float) -> NDArray[np.float32]:
+    def correct(self, distance: NDArray[np.float32], ambiguity_range: float | None) -> NDArray[np.float32]:
         """Distance with the systematic errors taken out, modulo the ambiguity range.
 
         Args:
             distance: (H, W) metres as delivered, NaN where there is none.
-            ambiguity_range: metres.
+            ambiguity_range: metres; None = distances do not wrap.
 
         Returns:
-            (H, W) float32 metres in [0, ambiguity_range).
+            (H, W) float32 metres in [0, ambiguity_range); without a range, NaN where they would not be
+            positive.
+
+        Raises:
+            RecordingError: as `Corrections.error`.
         """
         if not self.corrections:
             return distance
         error = self.corrections.error(distance, ambiguity_range)
+        if ambiguity_range is None:
+            left = distance - error
+            return np.where(left > 0, left, np.nan).astype(np.float32)
         corrected: NDArray[np.float32] = np.mod(distance - error, ambiguity_range).astype(np.float32)
         return corrected
 

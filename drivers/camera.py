@@ -97,6 +97,11 @@ class Camera(Device):
         self._require_open("read the capabilities of")
         return self._capabilities()
 
+    @property
+    def temperature(self) -> float | None:
+        """°C, as the camera told last; None where it tells none. It asks nothing of the device."""
+        return None
+
     def mount_on(self, stage: Stage) -> None:
         """Say which stage turns this camera; a simulated camera sees the world turn with it."""
         self._stage = stage

@@ -1,6 +1,8 @@
-"""foxglove.CameraCalibration of others, as far as the lens can be used here."""
+"""Camera calibrations in messages of others, as far as the lens can be used here."""
 
-from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from collections.abc import Iterable
+from typing import Protocol
+
 from pydantic import ValidationError
 
 from drivers.calibration import LENS_TERMS, Calibration, Intrinsics
@@ -15,7 +17,22 @@ _STRAIGHT = frozenset({*_TERMS, "none", "pinhole", "brown_conrady", "inverse_bro
 """Models that with all terms zero are a pinhole; of a fisheye's that is not so: its radius is f · θ then."""
 
 
-def calibration_of(message: CameraCalibration, origin: str) -> Calibration | None:
+class LensMessage(Protocol):
+    """What is read of a message; that of ROS has the same."""
+
+    @property
+    def width(self) -> int: ...
+    @property
+    def height(self) -> int: ...
+    @property
+    def distortion_model(self) -> str: ...
+    @property
+    def K(self) -> Iterable[float]: ...  # noqa: N802
+    @property
+    def D(self) -> Iterable[float]: ...  # noqa: N802
+
+
+def calibration_of(message: LensMessage, origin: str) -> Calibration | None:
     """Intrinsics and distortion of a message; None where it says that the camera is not calibrated (K zero).
 
     Args:
@@ -47,7 +64,7 @@ def calibration_of(message: CameraCalibration, origin: str) -> Calibration | Non
         raise RecordingError(f"{origin}: not a calibration ({told(error)})") from error
 
 
-def _distortion(message: CameraCalibration, origin: str) -> tuple[float, ...]:
+def _distortion(message: LensMessage, origin: str) -> tuple[float, ...]:
     terms, model = list(message.D), message.distortion_model
     while terms and terms[-1] == 0:
         terms.pop()

@@ -27,6 +27,8 @@ from drivers.calibration import Calibration, Mount
 from drivers.errors import RecordingError
 from drivers.frame import AmplitudeMode, Frame
 from drivers.poses import camera_centre, camera_rotation
+from drivers.rotations import quaternion
+from drivers.text import json_of
 
 CAMERA_DISTANCE = "camera/distance"
 CAMERA_AMPLITUDE = "camera/amplitude"
@@ -98,8 +100,14 @@ class FrameFields(BaseModel):
     integration_time: float | None = Field(
         gt=0, le=3600, description="Seconds per phase sample; null = not known."
     )
-    modulation_frequency: float = Field(ge=1e3, le=1e12, description="Hz.")
-    ambiguity_range: float = Field(ge=1e-3, le=1e6, description="Metres; distance = counts · range / 65536.")
+    modulation_frequency: float | None = Field(ge=1e3, le=1e12, description="Hz; null = none, or not known.")
+    ambiguity_range: float | None = Field(
+        ge=1e-3, le=1e6, description="Metres; distances do not wrap, or it is not known where, if null."
+    )
+    scale: float | None = Field(
+        None, ge=1e-9, le=1e3, description="Metres per count of a 16UC1 distance; null = range / 65536."
+    )
+    has_amplitude: bool = Field(True, description="False = the camera gives none; no image of it comes.")
     amplitude_mode: AmplitudeMode = Field("linear", description="`gray` = multiplied by distance².")
     saturation_level: int = Field(
         0xFFF0, ge=0, lt=2**31, description="Amplitude from which a pixel is saturated, counts."
@@ -109,24 +117,33 @@ class FrameFields(BaseModel):
     def of(cls, frame: Frame) -> Self:
         return cls(**{name: getattr(frame, name) for name in cls.model_fields})
 
-    def frame(self, counts: NDArray[np.uint16], amplitude: NDArray[np.uint16]) -> Frame:
-        """The frame with these fields and images."""
-        return Frame(counts=counts, amplitude=amplitude, **self.model_dump())
+    def frame(
+        self, counts: NDArray[np.uint16] | NDArray[np.float32], amplitude: NDArray[np.uint16] | None
+    ) -> Frame:
+        """The frame with these fields and images; raises `ValueError` where they do not fit each other."""
+        return Frame(counts=counts, amplitude=amplitude, **self.model_dump(exclude={"has_amplitude"}))
 
 
 def frame_messages(frame: Frame, mount: Mount) -> list[Message]:
-    """Distance, amplitude, fields and stage transform of a frame."""
+    """Distance, amplitude where there is one, fields and stage transform of a frame."""
     at = frame.timestamp, frame.sequence
+    encoding = "16UC1" if frame.counts.dtype == np.uint16 else "32FC1"
+    images = [image_message(CAMERA_DISTANCE, frame.counts, encoding, CAMERA_FRAME_ID, *at)]
+    if frame.amplitude is not None:
+        images.append(image_message(CAMERA_AMPLITUDE, frame.amplitude, "mono16", CAMERA_FRAME_ID, *at))
     return [
-        image_message(CAMERA_DISTANCE, frame.counts, "16UC1", CAMERA_FRAME_ID, *at),
-        image_message(CAMERA_AMPLITUDE, frame.amplitude, "mono16", CAMERA_FRAME_ID, *at),
+        *images,
         json_message(CAMERA_FRAME, FrameFields.of(frame), *at),
-        _transform_message(frame, mount),
+        transform_message(STAGE_TRANSFORM, CAMERA_FRAME_ID, frame, mount),
     ]
 
 
 def calibration_message(
-    calibration: Calibration, timestamp: int, topic: str = CAMERA_CALIBRATION, sequence: int = 0
+    calibration: Calibration,
+    timestamp: int,
+    topic: str = CAMERA_CALIBRATION,
+    sequence: int = 0,
+    frame_id: str = CAMERA_FRAME_ID,
 ) -> Message:
     """foxglove.CameraCalibration; lens terms beyond `plumb_bob`'s five make it `rational_polynomial`."""
     lens = calibration.distortion
@@ -134,7 +151,7 @@ def calibration_message(
     matrix = calibration.intrinsics.matrix
     message = CameraCalibration(
         timestamp=protobuf_time(timestamp),
-        frame_id=CAMERA_FRAME_ID,
+        frame_id=frame_id,
         width=calibration.width,
         height=calibration.height,
         distortion_model="plumb_bob" if size == 5 else "rational_polynomial",
@@ -188,7 +205,7 @@ def protobuf_message(topic: str, message: Protobuf, timestamp: int, sequence: in
 
 def json_message(topic: str, model: BaseModel, timestamp: int, sequence: int = 0) -> Message:
     """A pydantic model as JSON with its JSON schema."""
-    return Message(topic, json_schema(type(model)), model.model_dump_json().encode(), timestamp, sequence)
+    return Message(topic, json_schema(type(model)), json_of(model), timestamp, sequence)
 
 
 def protobuf_time(timestamp: int) -> Timestamp:
@@ -253,21 +270,27 @@ def decode_calibration(payload: bytes) -> CameraCalibration:
     return message
 
 
-def _transform_message(frame: Frame, mount: Mount) -> Message:
+def transform_message(topic: str, child: str, frame: Frame, mount: Mount) -> Message:
+    """foxglove.FrameTransform from `rig` to where the camera was while a frame was exposed.
+
+    Args:
+        topic: what it is published as.
+        child: name of the camera's axes there.
+        frame: by whose angles.
+        mount: of the camera.
+    """
     (x, y, z), (qx, qy, qz, qw) = _camera_in_rig(frame.pan, frame.tilt, mount)
     message = FrameTransform(
         timestamp=protobuf_time(frame.timestamp),
         parent_frame_id=RIG_FRAME_ID,
-        child_frame_id=CAMERA_FRAME_ID,
+        child_frame_id=child,
         translation=Vector3(x=x, y=y, z=z),
         rotation=Quaternion(x=qx, y=qy, z=qz, w=qw),
     )
-    return protobuf_message(STAGE_TRANSFORM, message, frame.timestamp, frame.sequence)
+    return protobuf_message(topic, message, frame.timestamp, frame.sequence)
 
 
 @lru_cache(maxsize=256)  # a plan comes back to its poses, and working one out costs as much as all else
 def _camera_in_rig(pan: float, tilt: float, mount: Mount) -> tuple[list[float], list[float]]:
-    from scipy.spatial.transform import Rotation
-
-    turn = Rotation.from_matrix(RIG_FROM_STAGE @ camera_rotation(pan, tilt, mount))
-    return (RIG_FROM_STAGE @ camera_centre(pan, tilt, mount)).tolist(), turn.as_quat().tolist()
+    turn = quaternion(RIG_FROM_STAGE @ camera_rotation(pan, tilt, mount))
+    return (RIG_FROM_STAGE @ camera_centre(pan, tilt, mount)).tolist(), turn.tolist()

@@ -4,34 +4,25 @@ Stage axes at (0, 0): x right, y down, z forward. Pan > 0 turns left about the u
 outer axis; tilt > 0 turns up about x.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from drivers.calibration import Mount
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
+from drivers.rotations import rotation_matrix, rotation_vector
 
 
-def _rotation(vector: ArrayLike) -> Rotation:
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_rotvec(np.asarray(vector, dtype=np.float64))
-
-
-def stage_rotation(pan: float, tilt: float) -> NDArray[np.float64]:
-    """(3, 3) rotation that takes the turned platform's axes to the stage's at rest."""
-    turn = _rotation((0.0, -pan, 0.0)) * _rotation((tilt, 0.0, 0.0))
-    return np.asarray(turn.as_matrix())
+def stage_rotation(pan: ArrayLike, tilt: ArrayLike) -> NDArray[np.float64]:
+    """Rotations (..., 3, 3) that take the turned platform's axes to the stage's at rest; angles (...)."""
+    p, t = np.asarray(pan, dtype=np.float64), np.asarray(tilt, dtype=np.float64)
+    still = np.zeros_like(p)
+    return rotation_matrix(np.stack([still, -p, still], -1)) @ rotation_matrix(
+        np.stack([t, still, still], -1)
+    )
 
 
-def camera_rotation(pan: float, tilt: float, mount: Mount) -> NDArray[np.float64]:
-    """(3, 3) rotation that takes camera axes to stage axes at the given angles (radians)."""
-    return stage_rotation(pan, tilt) @ _rotation(mount.rotation).as_matrix()
+def camera_rotation(pan: ArrayLike, tilt: ArrayLike, mount: Mount) -> NDArray[np.float64]:
+    """Rotations (..., 3, 3) that take camera axes to stage axes at the given angles (...), radians."""
+    return stage_rotation(pan, tilt) @ rotation_matrix(mount.rotation)
 
 
 def camera_centre(pan: float, tilt: float, mount: Mount) -> NDArray[np.float64]:
@@ -50,9 +41,6 @@ def relative_rotations(angles: ArrayLike, mount: Mount) -> NDArray[np.float64]:
     Returns:
         (N, 3) radians, camera axes; the first is zero.
     """
-    from scipy.spatial.transform import Rotation
-
-    matrices = np.stack(
-        [camera_rotation(pan, tilt, mount) for pan, tilt in np.asarray(angles, dtype=np.float64)]
-    )
-    return np.asarray(Rotation.from_matrix(matrices[0].T @ matrices).as_rotvec())
+    pan, tilt = np.asarray(angles, dtype=np.float64).T
+    matrices = camera_rotation(pan, tilt, mount)
+    return rotation_vector(matrices[0].T @ matrices)

@@ -16,7 +16,7 @@ from drivers.frame import Frame
 from drivers.names import shown
 from drivers.recording import Recording
 from drivers.reel import Reel
-from drivers.settings import CameraSettings, Capabilities
+from drivers.settings import CameraSettings, Capabilities, recorded_settings
 
 _TOLD = 5
 """Gaps that are told one by one."""
@@ -73,7 +73,7 @@ class ReplayCamera(Camera):
         self._frames = self._play()
         self._next: tuple[int, Frame, int] | None = None
         self._shown: Calibration | None = None
-        self._settings = _recorded_settings(next(self._reel.recording.frames()))
+        self._settings = recorded_settings(next(self._reel.recording.frames()))
 
     def _close(self) -> None:
         self._frames = iter(())
@@ -135,16 +135,3 @@ class ReplayCamera(Camera):
     @property
     def _replay(self) -> ReplayOptions:
         return cast(ReplayOptions, self.options)
-
-
-def _recorded_settings(frame: Frame) -> CameraSettings:
-    """Settings as they were; nominal integration time where the recording does not know it."""
-    known = {} if frame.integration_time is None else {"integration_time": frame.integration_time}
-    return CameraSettings.model_construct(
-        **{
-            **CameraSettings().model_dump(),
-            **known,
-            "modulation_frequency": frame.modulation_frequency,
-            "amplitude_mode": frame.amplitude_mode,
-        }
-    )

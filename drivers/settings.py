@@ -1,11 +1,11 @@
 """What can be set on a camera, and what a camera can do."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from drivers.frame import AmplitudeMode, ambiguity_range
+from drivers.frame import AmplitudeMode, Frame, ambiguity_range
 
 LONGEST_INTEGRATION_TIME = 0.1
 """Seconds per sample that no camera exceeds: the longest known takes 65.28 ms (SR2A, vendor header)."""
@@ -35,6 +35,10 @@ class CameraSettings(BaseModel):
         """Metres."""
         return ambiguity_range(self.modulation_frequency)
 
+    def over(self, others: Self) -> Self:
+        """Others with those changed that were named when this was made."""
+        return others.model_copy(update={name: getattr(self, name) for name in self.model_fields_set})
+
 
 @dataclass(frozen=True, slots=True)
 class Capabilities:
@@ -53,3 +57,19 @@ class Capabilities:
     carries_pose: bool
     model: str
     serial: str | None = None
+
+
+def recorded_settings(frame: Frame) -> CameraSettings:
+    """Settings as they were; nominal integration time and frequency where the recording knows none."""
+    known = {
+        name: value
+        for name in ("integration_time", "modulation_frequency")
+        if (value := getattr(frame, name)) is not None
+    }
+    return CameraSettings.model_construct(
+        **{
+            **CameraSettings().model_dump(),
+            **known,
+            "amplitude_mode": frame.amplitude_mode,
+        }
+    )

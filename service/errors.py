@@ -51,6 +51,10 @@ class CalibrationError(ServiceError):
     """What was shown to the camera does not determine a calibration; says what is missing."""
 
 
+class UnmeasurableError(ServiceError):
+    """A figure of quality cannot be had of what is there; says why."""
+
+
 class CommandError(RemoteError):
     """A command was refused; nothing has changed. `code` says why, in one of eight words."""
 

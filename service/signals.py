@@ -1,10 +1,12 @@
 """SIGINT, SIGTERM and SIGHUP from the first instant on: noted, an interruption, or a wish to stop."""
 
+import os
 import signal
+import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from threading import current_thread, main_thread
+from threading import Thread, current_thread, main_thread
 from types import FrameType
 
 _NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -37,15 +39,22 @@ def interrupting() -> Iterator[None]:
 
 
 class Stopping:
-    """The first one is a wish to stop; another some seconds later ends the process at once."""
+    """The first one is a wish to stop; another some seconds later ends the process at once.
 
-    def __init__(self) -> None:
+    Args:
+        reloads: whether SIGHUP is a wish to read the configuration again.
+    """
+
+    def __init__(self, reloads: bool = False) -> None:
+        self._reloads = reloads
         self._stop: Callable[[], object] | None = None
-        self._first: float | None = time.monotonic() if _came else None
+        self._reload: Callable[[], object] | None = None
+        self._first: float | None = None
+        self._reload_waits = False
 
     @property
     def told(self) -> bool:
-        """Whether one came."""
+        """Whether one came that is a wish to stop."""
         return self._first is not None
 
     def stops(self, stop: Callable[[], object]) -> None:
@@ -54,23 +63,61 @@ class Stopping:
         if self.told:
             stop()
 
-    def __call__(self, number: int, _frame: FrameType | None) -> None:
+    def reloads(self, reload: Callable[[], object]) -> None:
+        """From now on SIGHUP has this called, where it is none to stop; for one that came before, now."""
+        self._reload = reload
+        if self._reload_waits:
+            reload()
+
+    def take(self, number: int) -> None:
+        """One came; called in a thread of its own."""
+        if self._reloads and number == signal.SIGHUP:
+            self._reload_waits = True
+            if self._reload is not None:
+                self._reload()
+            return
         now = time.monotonic()
-        _came.append(number)
         self._first = self._first or now
         if self._stop is not None:
             self._stop()
         if now - self._first > _IMPATIENCE:
-            signal.signal(number, signal.SIG_DFL)
-            signal.raise_signal(number)
+            os._exit(128 + number)
 
 
 @contextmanager
-def stopping() -> Iterator[Stopping]:
-    """Signals are a wish to stop meanwhile."""
-    handler = Stopping()
-    with _handled(handler):
-        yield handler
+def stopping(*, reloads: bool = False) -> Iterator[Stopping]:
+    """Signals are a wish to stop meanwhile.
+
+    A thread takes them: the main one may be in a call that lasts, of a device's library or a compiler.
+
+    Args:
+        reloads: SIGHUP is a wish to read the configuration again.
+    """
+    taker = Stopping(reloads)
+    if current_thread() is not main_thread():
+        yield taker
+        return
+    ours, theirs = socket.socketpair()
+    theirs.setblocking(False)
+    with ours, _handled(lambda *_: None):
+        former = signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
+        thread = Thread(target=_listen, args=(ours, taker), name="signals", daemon=True)
+        thread.start()
+        try:
+            for number in _came:
+                taker.take(number)
+            yield taker
+        finally:
+            signal.set_wakeup_fd(former)
+            theirs.close()
+            thread.join()
+
+
+def _listen(connection: socket.socket, taker: Stopping) -> None:
+    while numbers := connection.recv(64):
+        for number in numbers:
+            if number in _NUMBERS:
+                taker.take(number)
 
 
 @contextmanager

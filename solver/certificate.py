@@ -13,7 +13,6 @@ neither: they take any ∇ᵀp where they fall, and bounds of the map pay for wh
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import dctn, idctn
 
 from solver.kernels import dual as duals
 from solver.kernels import team
@@ -58,6 +57,8 @@ def shrinkage(
 
 def _poisson(source: NDArray[np.floating], down: float, right: float) -> NDArray[np.floating]:
     """φ of (down · L_rows + right · L_columns) φ = source, L the second difference with free ends."""
+    from scipy.fft import dctn, idctn  # only here: it takes long to import, and few methods come here
+
     rows, columns = source.shape
     row = down * (2 - 2 * np.cos(np.pi * np.arange(rows) / rows))
     column = right * (2 - 2 * np.cos(np.pi * np.arange(columns) / columns))

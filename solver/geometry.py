@@ -4,8 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solver.errors import FusionInputError
-from solver.lens import camera_matrix, distort, lens_coefficients, pixel_rays, rays_through, tilt_matrix
-from solver.positions import rotation_matrix
+from solver.lens import camera_matrix, lens_coefficients, pixel_rays, rays_through, tilt_matrix
 
 
 def depth_from_distance(
@@ -88,6 +87,9 @@ def rotations_to_shifts(
     Raises:
         FusionInputError: not (N, 3), bad intrinsics or distortion.
     """
+    from solver.kernels.lens import distort  # only here: Numba takes long to import
+    from solver.positions import rotation_matrix
+
     turns = np.asarray(rotations, dtype=np.float64)
     if turns.ndim != 2 or turns.shape[1] != 3:
         raise FusionInputError(f"rotations have shape {turns.shape}; expected (N, 3)")

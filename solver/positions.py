@@ -6,7 +6,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from solver.errors import FusionInputError
 from solver.kernels import team
-from solver.lens import camera_matrix, distort, lens_coefficients, pixel_rays, tilt_matrix
+from solver.kernels.lens import distort
+from solver.lens import camera_matrix, lens_coefficients, pixel_rays, tilt_matrix
 
 
 def sample_positions(

@@ -171,7 +171,7 @@ def _exposure(
             trusted &= ~_strays(points, trusted, calibration, path, findings)
         else:
             _compare(points, trusted, calibration, path, findings)
-    frequency = options.modulation_frequency or source.modulation_frequency
+    frequency = source.carrier(options)
     return Exposure(
         counts=radial_counts(radius, trusted, frequency, path),
         amplitude=whole_amplitude(frame.amplitude, path),

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.calibration import Calibration
+from drivers.depth.reading import DepthReading
 from drivers.errors import RecordingError
 from drivers.frame import AmplitudeMode
 
@@ -24,6 +25,16 @@ class ImportOptions(BaseModel):
     )
     amplitude_mode: AmplitudeMode | None = Field(None, description="`linear`, or `gray`: times distance².")
     calibration: Calibration | None = Field(None, description="The camera's; None = nominal for its model.")
+    reading: DepthReading = Field(DepthReading(), description="What the values of depth images stand for.")
+    topic: str | None = Field(None, description="Depth images of a bag; None = the only ones there are.")
+    amplitude: str | None = Field(
+        None,
+        description="Topic, or folder, of amplitude images that belong to the depth images; None = none.",
+    )
+    camera_info: str | None = Field(None, description="Topic of the optics; None = beside the depth images.")
+    rectified: bool | None = Field(
+        None, description="Whether the images have no distortion left; None = where the topic says rect."
+    )
     accept_inferred: bool = Field(
         False, description="Read formats of which a part is only inferred, not documented."
     )
@@ -54,7 +65,7 @@ class Source:
         model: for people.
         serial: serial number, or None.
         calibration: from the files, or nominal for the model; None = nothing is known of its optics.
-        modulation_frequency: Hz, what the model usually runs at.
+        modulation_frequency: Hz, what the model usually runs at; None = none, or not known.
         amplitude_mode: what the format usually holds.
         optics_residual: pixels, root mean square, of the fit of the optics to the files; None = not fitted.
     """
@@ -62,9 +73,15 @@ class Source:
     model: str
     serial: str | None
     calibration: Calibration | None
-    modulation_frequency: float
+    modulation_frequency: float | None
     amplitude_mode: AmplitudeMode
     optics_residual: float | None = None
+
+    def carrier(self, options: ImportOptions) -> float:
+        """The modulation frequency as told, else the model's, Hz."""
+        known = options.modulation_frequency or self.modulation_frequency
+        assert known is not None, "a SwissRanger has one"
+        return known
 
 
 @dataclass(slots=True)
@@ -83,6 +100,11 @@ class Findings:
         """Say something once."""
         if text not in self.notes:
             self.notes.append(text)
+
+    def lose(self, text: str) -> None:
+        """Say once what could not be read."""
+        if text not in self.lost:
+            self.lost.append(text)
 
 
 def check_size(shape: tuple[int, ...], calibration: Calibration, path: Path) -> None:

@@ -1,8 +1,6 @@
 """Camera files of any known format as frames."""
 
-import re
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -10,7 +8,15 @@ from drivers.calibration import Calibration
 from drivers.errors import RecordingError
 from drivers.frame import Frame, ambiguity_range
 from drivers.importers import bdat, srs, text
+from drivers.importers.depth.bag import SUFFIXES as BAG_SUFFIXES
+from drivers.importers.depth.bag import is_bag
+from drivers.importers.depth.bag_frames import import_bag
+from drivers.importers.depth.picture_frames import import_pictures
+from drivers.importers.depth.pictures import SUFFIXES as PICTURE_SUFFIXES
+from drivers.importers.depth.pictures import is_picture
 from drivers.importers.exposure import Exposure, Findings, ImportOptions, Source, check_size
+from drivers.importers.found import Import
+from drivers.importers.natural import natural
 from drivers.importers.times import FRAME_TIME, Times
 
 
@@ -36,43 +42,14 @@ FORMATS: dict[str, Format] = {
 """By suffix."""
 
 
-@dataclass
-class Import:
-    """Frames on their way from files.
-
-    Attributes:
-        source: the camera.
-        calibration: given, or the files' own, or the model's.
-        optics_residual: pixels, of the fit of `calibration` to the files; None = it was not fitted.
-        count: frames to expect, for a progress bar.
-        findings: what there is to say; complete once all frames have been taken.
-    """
-
-    source: Source
-    calibration: Calibration
-    optics_residual: float | None
-    count: int
-    findings: Findings
-    _frames: Callable[[], Iterator[Frame]] = field(repr=False)
-
-    def frames(self) -> Iterator[Frame]:
-        """The frames, file after file in the natural order of their names.
-
-        Raises:
-            RecordingError: a file that cannot be read, or frames that do not fit each other or the
-                calibration; says what was expected.
-        """
-        return self._frames()
-
-
 def import_frames(
     paths: Sequence[Path], options: ImportOptions | None = None, frames_per_burst: int | None = None
 ) -> Import:
     """Read files of one camera.
 
     Args:
-        paths: files of one format, which their suffix tells, and of one camera; they are taken in the natural
-            order of their names.
+        paths: files of one format, which their suffix tells, and of one camera, or folders of them; they are
+            taken in the natural order of their names.
         options: what the files do not say.
         frames_per_burst: None = all frames are one burst.
 
@@ -82,9 +59,13 @@ def import_frames(
     told = options or ImportOptions()
     if not paths:
         raise RecordingError("no file to import; name at least one frame")
-    form = _format(paths)
     findings = Findings()
-    ordered = sorted(paths, key=_natural)
+    if all(map(is_bag, paths)):
+        return import_bag(paths, told, frames_per_burst, findings)
+    if all(map(is_picture, paths)):
+        return import_pictures(paths, told, frames_per_burst, findings)
+    form = _format(paths)
+    ordered = sorted(paths, key=natural)
     if ordered != list(paths):
         findings.note("files are taken in the natural order of their names: 2 before 10")
     source = form.source(ordered, told, findings)
@@ -103,20 +84,17 @@ def import_frames(
     )
 
 
-def _natural(path: Path) -> tuple[list[tuple[int, str]], str]:
-    """Sorts numbers inside names by their value."""
-    parts = re.split(r"(\d+)", str(path))
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts], str(path)
-
-
 def _format(paths: Sequence[Path]) -> Format:
     for path in paths:
         if path.suffix.lower() not in FORMATS:
-            said = (
-                "is a folder; name its files" if path.is_dir() else f"cannot be imported as {path.suffix!r}"
-            )
+            if path.is_dir():
+                raise RecordingError(
+                    f"{path}: is a folder without bag or pictures; name files or another one"
+                )
+            known = ", ".join([*FORMATS, *BAG_SUFFIXES, *PICTURE_SUFFIXES])
             raise RecordingError(
-                f"{path}: {said}; known are {', '.join(FORMATS)} (SR4000 text frames end in .dat or .txt)"
+                f"{path}: cannot be imported as {path.suffix!r}; known are {known} (SR4000 text frames end "
+                "in .dat or .txt)"
             )
     suffixes = {path.suffix.lower() for path in paths}
     if len({id(FORMATS[suffix]) for suffix in suffixes}) > 1:
@@ -135,7 +113,7 @@ def _frames(
     frames_per_burst: int | None,
     findings: Findings,
 ) -> Iterator[Frame]:
-    frequency = options.modulation_frequency or source.modulation_frequency
+    frequency = source.carrier(options)
     clock = Times(options.frame_rate, findings)
     for sequence, (path, exposure) in enumerate(form.read(paths, source, options, findings)):
         check_size(exposure.counts.shape, calibration, path)

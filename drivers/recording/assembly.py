@@ -16,7 +16,8 @@ MESSAGE_ENCODINGS = {CAMERA_DISTANCE: "protobuf", CAMERA_AMPLITUDE: "protobuf", 
 """A message of another encoding on one of these topics is somebody else's."""
 
 _ALL_FIELDS = set(FrameFields.model_fields)
-_IMAGES = {CAMERA_DISTANCE: "16UC1", CAMERA_AMPLITUDE: "mono16"}
+_IMAGES = {CAMERA_DISTANCE: ("<u2", "<f4"), CAMERA_AMPLITUDE: ("<u2",)}
+_EXPECTED = {CAMERA_DISTANCE: "16UC1 or 32FC1", CAMERA_AMPLITUDE: "mono16"}
 
 
 Key = tuple[int, int]
@@ -31,12 +32,19 @@ class Place(NamedTuple):
     end: int
 
 
+class ImageKind(NamedTuple):
+    """An image's rows and columns, and whether its values are metres."""
+
+    shape: tuple[int, int]
+    is_metric: bool
+
+
 class Part(NamedTuple):
-    """One message of a frame: an image's size, or the fields."""
+    """One message of a frame: an image's kind, or the fields."""
 
     place: Place
     log_time: int
-    said: tuple[int, int] | FrameFields
+    said: ImageKind | FrameFields
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,18 +53,25 @@ class FrameEntry:
 
     Attributes:
         log_time: of its fields' message, ns.
-        places: of distance, amplitude and fields.
+        distance, amplitude, said: places of its messages; None = the camera gives no amplitude.
     """
 
     fields: FrameFields
     shape: tuple[int, int]
     log_time: int
-    places: tuple[Place, Place, Place]
+    distance: Place
+    amplitude: Place | None
+    said: Place
+
+    @property
+    def places(self) -> tuple[Place, ...]:
+        """Of all its messages."""
+        return tuple(place for place in (self.distance, self.amplitude, self.said) if place is not None)
 
     @property
     def offset(self) -> int:
         """Where its fields lie in the file, bytes; a chunk's begin for all that it holds."""
-        place = self.places[2]
+        place = self.said
         return place.start if place.chunk is None else place.chunk
 
     @property
@@ -80,22 +95,27 @@ class FrameAssembler:
     """Matches distance, amplitude and fields by time and sequence; only their places are remembered.
 
     Where several messages of a topic have one time and sequence (two recordings put into one file), the first
-    of each topic belong together, then the second, and so on.
+    of each topic belong together, then the second, and so on. A frame whose fields say that the camera gives
+    no amplitude waits for none.
     """
 
     def __init__(self) -> None:
         self._pending: dict[Key, tuple[list[Part], list[Part], list[Part]]] = {}
 
-    def add(self, topic: str, key: Key, part: Part) -> tuple[Part, Part, Part] | None:
+    def add(self, topic: str, key: Key, part: Part) -> tuple[Part, Part | None, Part] | None:
         """Distance, amplitude and fields of the frame that a part completes, if it does."""
         lists = self._pending.setdefault(key, ([], [], []))
         lists[FRAME_TOPICS.index(topic)].append(part)
-        if not all(lists):
+        distances, amplitudes, fields = lists
+        if not (distances and fields):
             return None
-        distance, amplitude, fields = (found.pop(0) for found in lists)
+        is_dark = not cast(FrameFields, fields[0].said).has_amplitude
+        if not (amplitudes or is_dark):
+            return None
+        whole = distances.pop(0), None if is_dark else amplitudes.pop(0), fields.pop(0)
         if not any(lists):
             del self._pending[key]
-        return distance, amplitude, fields
+        return whole
 
     def incomplete(self) -> Iterator[tuple[Key, list[Part]]]:
         """Key and parts of each frame whose other messages never came."""
@@ -104,15 +124,27 @@ class FrameAssembler:
                 yield key, [parts[rank] for parts in lists if rank < len(parts)]
 
 
-def frame_entry(distance: Part, amplitude: Part, fields: Part) -> FrameEntry:
-    """A frame of its parts; raises `RecordingError` where its images are not of one size."""
-    said, size = cast(FrameFields, fields.said), cast(tuple[int, int], distance.said)
-    if size != amplitude.said:
+def frame_entry(distance: Part, amplitude: Part | None, fields: Part) -> FrameEntry:
+    """A frame of its parts.
+
+    Raises:
+        RecordingError: its images are not of one size, or nothing says what its counts stand for.
+    """
+    said, image = cast(FrameFields, fields.said), cast(ImageKind, distance.said)
+    size = image.shape
+    if not image.is_metric and said.scale is None and said.ambiguity_range is None:
         raise RecordingError(
-            f"images of frame {said.sequence} do not fit: counts {size} and amplitude {amplitude.said}; "
+            f"counts of frame {said.sequence} have no scale; expected ambiguity_range or scale in "
+            f"{CAMERA_FRAME}"
+        )
+    if amplitude is not None and size != cast(ImageKind, amplitude.said).shape:
+        raise RecordingError(
+            f"images of frame {said.sequence} do not fit: counts {size} and amplitude "
+            f"{cast(ImageKind, amplitude.said).shape}; "
             "expected a pair of equal size"
         )
-    return FrameEntry(said, size, fields.log_time, (distance.place, amplitude.place, fields.place))
+    place = None if amplitude is None else amplitude.place
+    return FrameEntry(said, size, fields.log_time, distance.place, place, fields.place)
 
 
 def part_of(topic: str, payload: bytes, place: Place, log_time: int) -> Part:
@@ -127,11 +159,11 @@ def part_of(topic: str, payload: bytes, place: Place, log_time: int) -> Part:
         image = decode_image(payload)
     except RecordingError as error:
         raise RecordingError(f"{topic}: {error}") from error
-    if image.dtype.str != "<u2" or image.ndim != 2:
+    if image.dtype.str not in _IMAGES[topic] or image.ndim != 2:
         raise RecordingError(
-            f"{topic}: image of {image.dtype} with shape {image.shape}; expected {_IMAGES[topic]}"
+            f"{topic}: image of {image.dtype} with shape {image.shape}; expected {_EXPECTED[topic]}"
         )
-    return Part(place, log_time, (image.shape[0], image.shape[1]))
+    return Part(place, log_time, ImageKind((image.shape[0], image.shape[1]), image.dtype.str == "<f4"))
 
 
 def _fields(payload: bytes) -> FrameFields:

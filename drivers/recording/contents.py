@@ -213,7 +213,7 @@ class _Gathering:
                 topic, key, part_of(topic, found.payload, found.place, found.stored.log_time)
             )
             if whole is not None:
-                places = [part.place for part in whole]
+                places = [part.place for part in whole if part is not None]
                 self._contents.frames.append(frame_entry(*whole))
         except RecordingError as error:
             self._contents.leftover.update(places)

@@ -162,9 +162,10 @@ class Recording:
         """The frames of some entries, with their images."""
         with Payloads(self.path) as payloads:
             for entry in entries:
-                distance, amplitude, _ = entry.places
+                place = entry.amplitude
                 yield entry.fields.frame(
-                    decode_image(payloads.read(distance)), decode_image(payloads.read(amplitude))
+                    decode_image(payloads.read(entry.distance)),
+                    None if place is None else decode_image(payloads.read(place)),
                 )
 
     def cut(self, frames_per_burst: int | None) -> list[list[FrameEntry]]:

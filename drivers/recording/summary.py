@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.calibration import Calibration
 from drivers.errors import RecordingError
+from drivers.messages import FrameFields
 from drivers.names import Shown
 from drivers.recording import attachments
 from drivers.recording.assembly import FrameEntry
@@ -59,9 +60,9 @@ class FramesSummary(_Part):
     drops: int = Field(description="Gaps in the camera's counter while it looked one way.")
     passed: int = Field(description="Gaps in it while the stage turned, and between bursts: nobody's loss.")
     integration_times: list[float | None] = Field(description="Seconds per phase sample; null = not known.")
-    modulation_frequencies: list[float] = Field(description="Hz.")
-    ambiguity_ranges: list[float] = Field(description="Metres.")
-    amplitude_modes: list[str]
+    modulation_frequencies: list[float | None] = Field(description="Hz; null = none, or not known.")
+    ambiguity_ranges: list[float | None] = Field(description="Metres; null = none, or not known.")
+    amplitude_modes: list[str] = Field(description="`none` = the camera gives no amplitude.")
     bursts: list[BurstSummary]
 
 
@@ -161,9 +162,13 @@ def _frames(recording: "Recording") -> FramesSummary:
         integration_times=list(dict.fromkeys(entry.integration_time for entry in fields)),
         modulation_frequencies=list(dict.fromkeys(entry.modulation_frequency for entry in fields)),
         ambiguity_ranges=list(dict.fromkeys(entry.ambiguity_range for entry in fields)),
-        amplitude_modes=list(dict.fromkeys(entry.amplitude_mode for entry in fields)),
+        amplitude_modes=list(dict.fromkeys(_amplitude(entry) for entry in fields)),
         bursts=[_burst(burst) for burst in bursts],
     )
+
+
+def _amplitude(fields: FrameFields) -> str:
+    return fields.amplitude_mode if fields.has_amplitude else "none"
 
 
 def _gaps(bursts: Sequence[Sequence[FrameEntry]]) -> tuple[int, int]:

@@ -17,7 +17,9 @@ class CameraOptions(BackendOptions):
     """What the simulated camera looks at, and how it is built."""
 
     scene: str = Field("wedges", description=f"What it sees: {', '.join(SCENES)}.")
-    seed: int = Field(0, ge=0, description="Of the noise: frame n of a seed is always the same.")
+    seed: int = Field(
+        0, ge=0, le=2**32 - 1, description="Of the noise: frame n of a seed is always the same."
+    )
     noise: bool = Field(True, description="Whether the sensor has noise.")
     lever_arm: tuple[float, float, float] = Field(
         (0.0, 0.0, 0.0),

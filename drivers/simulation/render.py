@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.calibration import Calibration
+from drivers.lens import straightened
 from drivers.poses import camera_centre, camera_rotation
 from drivers.position import Position
 from drivers.simulation.cast import cast
 from drivers.simulation.footprint import average, average_at, fits, fits_at, summed_area
-from drivers.simulation.lens import footprint_places, straightened
+from drivers.simulation.lens import footprint_places
 from drivers.simulation.scene import Scene
 
 RAYS = 12

@@ -24,7 +24,7 @@ class StageOptions(BackendOptions):
         description="Standard deviation of where an axis really stops about where it reports, degrees.",
     )
     speed: float = Field(30.0, gt=0, le=1000, description="Of each axis, degrees per second.")
-    seed: int = Field(0, ge=0, description="Of the pointing errors.")
+    seed: int = Field(0, ge=0, le=2**32 - 1, description="Of the pointing errors.")
 
 
 class SimulatedStage(Stage):

@@ -66,7 +66,7 @@ def find_sightings(
     """
     views: list[Sighting] = []
     for number, frame in enumerate(frames, start=1):
-        found = find_board(frame.amplitude, board)
+        found = find_board(_amplitude(frame), board)
         if found is not None and is_new(found, views, frame.shape[1]):
             views.append(found)
         tell(len(views), number)
@@ -119,4 +119,10 @@ def _pose(frame: Frame) -> tuple[float, float]:
 
 
 def _mean_amplitude(frames: Sequence[Frame]) -> NDArray[np.float64]:
-    return np.asarray(np.mean([frame.amplitude for frame in frames], axis=0), dtype=np.float64)
+    return np.asarray(np.mean([_amplitude(frame) for frame in frames], axis=0), dtype=np.float64)
+
+
+def _amplitude(frame: Frame) -> NDArray[np.uint16]:
+    if frame.amplitude is None:
+        raise CalibrationError("the camera gives no amplitude, in which the board could be seen")
+    return frame.amplitude

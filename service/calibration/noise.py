@@ -85,6 +85,10 @@ def calibrate_noise(scenes: Sequence[Sequence[Frame]]) -> NoiseFit:
     stills = [reduce_still(frames) for frames in scenes]
     if not stills or min(still.frames for still in stills) < 2:
         raise CalibrationError("noise is what differs between frames: at least two of each scene are needed")
+    if any(still.amplitude is None for still in stills):
+        raise CalibrationError(
+            "the camera gives no amplitude, on which its noise could depend; nothing can be calibrated here"
+        )
     times = {still.integration_time for still in stills}
     if len(times) > 1:
         raise CalibrationError(f"the scenes differ in integration time ({times}); calibrate one at a time")
@@ -115,7 +119,7 @@ def calibrate_noise(scenes: Sequence[Sequence[Frame]]) -> NoiseFit:
 
 def _groups(stills: Sequence[Still]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Amplitude and σ of each group of pixels of like amplitude."""
-    amplitude = np.concatenate([np.broadcast_to(s.amplitude, s.deviations.shape)[_usable(s)] for s in stills])
+    amplitude = np.concatenate([np.broadcast_to(_light(s), s.deviations.shape)[_usable(s)] for s in stills])
     deviation = np.concatenate([s.deviations[_usable(s)] for s in stills])
     darkest, brightest = np.percentile(amplitude[amplitude > 0], (1, 99.5))
     edges = np.geomspace(darkest, brightest, BINS + 1)
@@ -134,6 +138,11 @@ def _clipped_rms(deviation: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.mean(deviation[np.abs(deviation) <= limit] ** 2)))
 
 
+def _light(still: Still) -> NDArray[np.float64]:
+    assert still.amplitude is not None
+    return still.amplitude
+
+
 def _usable(still: Still) -> NDArray[np.bool_]:
-    seen = np.isfinite(still.amplitude) & np.isfinite(still.distance)
+    seen = np.isfinite(_light(still)) & np.isfinite(still.distance)
     return np.broadcast_to(seen, still.deviations.shape)

@@ -22,16 +22,17 @@ class Still:
     Attributes:
         frames: how many.
         distance: (H, W) mean distance, metres; NaN where some frame has none.
-        amplitude: (H, W) mean amplitude, linear in the received light, counts; NaN likewise.
+        amplitude: (H, W) mean amplitude, linear in the received light, counts; NaN likewise. None = the
+            camera gives none.
         deviations: (N, H, W) of each frame's distance from the mean, metres, scaled so that their mean square
             estimates the variance of one frame.
-        ambiguity_range: metres.
+        ambiguity_range: metres; infinite where distances do not wrap.
         integration_time: seconds, or None = not known.
     """
 
     frames: int
     distance: NDArray[np.float64]
-    amplitude: NDArray[np.float64]
+    amplitude: NDArray[np.float64] | None
     deviations: NDArray[np.float64]
     ambiguity_range: float
     integration_time: float | None
@@ -57,23 +58,30 @@ def reduce_still(frames: Sequence[Frame]) -> Still:
             f"the stage turned by {np.degrees(turn):.2f}° between the {len(frames)} frames; expected a "
             "camera at rest: record them by lidarboost capture, not by a scan"
         )
-    period = frames[0].ambiguity_range
+    period = frames[0].ambiguity_range or np.inf
     distance = np.stack([frame.distance for frame in frames]).astype(np.float64)
     first = distance[0]
-    away = np.mod(distance - first + period / 2, period) - period / 2
+    away = distance - first
+    if np.isfinite(period):
+        away = np.mod(away + period / 2, period) - period / 2
     mean = away.mean(axis=0)
     spread = np.sqrt(len(frames) / (len(frames) - 1)) if len(frames) > 1 else np.nan
     return Still(
         frames=len(frames),
         distance=np.mod(first + mean, period),
-        amplitude=np.mean([_counts(frame) for frame in frames], axis=0),
+        amplitude=_amplitude(frames),
         deviations=(away - mean) * spread,
         ambiguity_range=period,
         integration_time=frames[0].integration_time,
     )
 
 
-def _counts(frame: Frame) -> NDArray[np.float64]:
-    """(H, W) linear amplitude in counts, NaN where there is no distance."""
-    linear = frame.signal.astype(np.float64) * (frame.integration_time or 1.0)
-    return np.where(frame.valid, linear, np.nan)
+def _amplitude(frames: Sequence[Frame]) -> NDArray[np.float64] | None:
+    """(H, W) mean linear amplitude in counts, NaN where some frame has no distance."""
+    total = np.zeros(frames[0].shape)
+    for frame in frames:
+        if frame.signal is None:
+            return None
+        linear = frame.signal.astype(np.float64) * (frame.integration_time or 1.0)
+        total += np.where(frame.valid, linear, np.nan)
+    return total / len(frames)

@@ -59,8 +59,11 @@ def wall_pixels(
 def weights_of(still: Still) -> NDArray[np.float64]:
     """(H, W) 1 / variance against a pixel of median brightness, at most 1; 0 where nothing was measured.
 
-    σ ∝ 1 / amplitude; brighter pixels are no better, since systematic errors are left in them.
+    σ ∝ 1 / amplitude; brighter pixels are no better, since systematic errors are left in them. All are alike
+    where the camera gives no amplitude.
     """
+    if still.amplitude is None:
+        return np.isfinite(still.distance).astype(np.float64)
     bright = np.nan_to_num(still.amplitude, nan=0.0)
     middle = float(np.median(bright[bright > 0])) if np.any(bright > 0) else 1.0
     weight: NDArray[np.float64] = np.minimum(1.0, (bright / middle) ** 2)

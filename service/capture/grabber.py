@@ -38,14 +38,18 @@ class CaptureCounts:
 
 
 class Grabber:
-    """Grabs frames, counts what is missing between them, and shows each one it keeps to a listener."""
+    """Grabs frames, counts what is missing between them, and shows each one it keeps to a listener.
+
+    Attributes:
+        timeout: seconds to wait for a frame.
+    """
 
     def __init__(
         self, rig: Rig, timeout: float, control: Control, listener: Callable[[Frame], None] = lambda _: None
     ) -> None:
         self.rig, self.control = rig, control
         self.counts = CaptureCounts()
-        self._timeout = timeout
+        self.timeout = timeout
         rig.stage.interrupted = self._interrupted
         self._listener = listener
         self._sequence: int | None = None
@@ -62,7 +66,7 @@ class Grabber:
         if self._held is not None:
             held, self._held = self._held, None
             return held
-        frame = self.rig.camera.grab(self._timeout)
+        frame = self.rig.camera.grab(self.timeout)
         if self._sequence is not None:
             # Numbers start again when the camera does, or a recording is played again.
             self.counts.dropped += max(0, frame.sequence - self._sequence - 1)

@@ -7,6 +7,7 @@ from drivers.calibration import Calibration
 from drivers.recording import RecordingHead, recording_head
 from drivers.settings import Capabilities
 from service.capture.played import pack_truth
+from service.config.secrets import without_secrets
 from service.config.sections import Configuration
 
 
@@ -20,7 +21,7 @@ def head_of(
     """Metadata, calibration, configuration as used and, where there is one, the truth (βH, βW).
 
     Args:
-        configuration: in force.
+        configuration: in force; what is secret in it is hidden.
         camera, calibration: of whoever gives the frames.
         truth: (βH, βW) true distance of the reference view, metres; None = not known.
         frames_per_burst: frames of a whole burst; None = not known.
@@ -34,6 +35,8 @@ def head_of(
         rig=configuration.zenoh.prefix,
         frames_per_burst=frames_per_burst,
         calibration=calibration,
-        configuration=tomli_w.dumps(configuration.model_dump(mode="json", exclude_none=True)),
+        configuration=tomli_w.dumps(
+            without_secrets(configuration.model_dump(mode="json", exclude_none=True))
+        ),
         truth=None if truth is None else pack_truth(truth),
     )

@@ -10,6 +10,8 @@ from pathlib import Path
 from drivers.errors import DriverError
 from drivers.frame import Frame
 from drivers.recording import Recording, open_recording
+from drivers.recording.locks import is_used
+from drivers.recording.output import WORKING_SUFFIX
 from service.capture.rig import Rig
 from service.config.sections import Configuration
 from service.files import recordings_in
@@ -64,14 +66,15 @@ def begun_burst(configuration: Configuration, rig: Rig, poses: int) -> BegunBurs
 
 
 def _newest(directory: Path) -> Recording | None:
-    """The newest that holds a frame: this run may have begun one already."""
+    """The newest that holds a frame and that nobody writes: this run or another one may have begun it."""
     try:
         newest = recordings_in(directory)[: -_LOOKED_AT - 1 : -1]
     except OSError:
         return None
     for path in newest:
-        with suppress(DriverError):  # without a frame, or no recording at all
-            return open_recording(path)
+        with suppress(DriverError, OSError):  # without a frame, no recording at all, or renamed meanwhile
+            if not (path.suffix == WORKING_SUFFIX and is_used(path)):
+                return open_recording(path)
     return None
 
 
@@ -97,6 +100,8 @@ def _hindrance(recording: Recording, configuration: Configuration, rig: Rig, new
     age = (rig.clock.now() - newest) * 1e-9
     if not 0 <= age <= LONGEST_BREAK:
         return f"what was interrupted is {age:.0f} s old, at most {LONGEST_BREAK:.0f} s are allowed"
+    if recording.metadata.get("rig", configuration.zenoh.prefix) != configuration.zenoh.prefix:
+        return "what was interrupted is of another rig"
     used = tomllib.loads(recording.configuration or "")
     now = configuration.model_dump(mode="json", exclude_none=True)
     other = [name for name in _SAME if used.get(name) != now[name]]

@@ -1,6 +1,7 @@
 """The camera on its stage: opened as configured, and opened again when one of them is lost."""
 
 import logging
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,6 +12,8 @@ from drivers.camera import Camera
 from drivers.clock import Clock, SystemClock
 from drivers.device import Device
 from drivers.errors import DeviceLostError, DriverError, InitialisationError, RecordingError
+from drivers.exposure import SAMPLES
+from drivers.frame import Frame
 from drivers.settings import CameraSettings
 from drivers.stage import Stage
 from service.capture.motion import HomePolicy, Motion, Operator
@@ -19,6 +22,9 @@ from service.errors import ConfigurationError
 
 _FIRST_WAIT, _LONGEST_WAIT = 0.5, 2.0
 """Seconds before the first attempt to open a lost device again, and at most between later ones."""
+
+_READOUT = 1.0
+"""Seconds from an exposure's end to the frame, at most."""
 
 D = TypeVar("D", bound=Device)
 
@@ -31,13 +37,15 @@ class Rig:
     Args:
         camera, stage: closed devices.
         clock: of the devices.
-        settings: put in force whenever the camera is opened; None = as the camera has them.
+        settings: put in force whenever the camera is opened, those that are named; None = as the camera has
+            them.
         calibration: replaces the camera's own.
         home: when an unknown position of the stage may be found by homing.
         operator: who is told what is about to move, and asked whether it may.
 
     Attributes:
         motion: moves the stage.
+        found: the camera's settings as it had them itself, once it was open.
         beats: counted up by whatever waits on purpose or tries again: a sign of life where no frame comes.
     """
 
@@ -56,6 +64,7 @@ class Rig:
         self.clock = clock if clock is not None else SystemClock()
         self.settings = settings
         self._calibration = calibration
+        self.found: CameraSettings | None = None
         self.reopened = 0
         self.beats = 0
 
@@ -73,6 +82,15 @@ class Rig:
     def is_open(self) -> bool:
         """Whether both are."""
         return self.camera.is_open and self.stage.is_open
+
+    def exposed(self, frame: Frame) -> float:
+        """When the exposure of a frame that has just come ended, `time.monotonic()`.
+
+        Now, where its time is not of this clock, as in a replay, or the clock was set meanwhile.
+        """
+        end = frame.timestamp + round(SAMPLES / 2 * (frame.integration_time or 0.0) * 1e9)
+        age = (self.clock.now() + self.clock.correction() - end) * 1e-9
+        return time.monotonic() - (age if 0 < age < _READOUT else 0.0)
 
     def beat(self) -> None:
         """Count a sign of life."""
@@ -132,8 +150,9 @@ class Rig:
         self.stage.open()
         self.camera.mount_on(self.stage)
         self.camera.open()
+        self.found = self.found or self.camera.settings
         if self.settings is not None:
-            self.camera.settings = self.settings
+            self.camera.settings = self.settings.over(self.camera.settings)
         self._check_shape()
         self.camera.start()
 

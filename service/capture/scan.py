@@ -59,7 +59,8 @@ class ScanBursts:
         frames = [self._grabber.keep(frame) for frame in begun]
         frames += [self.frame(number, pose) for pose in range(len(frames), len(self._plan))]
         self._grabber.counts.bursts += 1
-        return Burst(number, tuple(frames), self._rig.calibration, len(self._plan))
+        exposed = self._rig.exposed(frames[-1])
+        return Burst(number, tuple(frames), self._rig.calibration, len(self._plan), exposed)
 
     def frame(self, number: int | None, pose: int) -> Frame:
         """The frame of a pose, as part of a burst where it has a number; tried again some times."""

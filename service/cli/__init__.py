@@ -11,7 +11,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from service import signals, streams
+from service import leaving, signals, streams
 from service.versions import software_version
 
 DONE, FAILED, USAGE, DATA_LOST = 0, 1, 2, 3
@@ -39,6 +39,8 @@ COMMANDS: dict[str, Entry] = {
     "status": Entry("service.cli.status", "status", "Show how a running service is doing.", _LIVE),
     "get": Entry("service.cli.get", "get", "Show or save the latest value of a topic.", _LIVE),
     "watch": Entry("service.cli.watch", "watch", "Print the messages of a topic as they come.", _LIVE),
+    "rigs": Entry("service.cli.rigs", "rigs", "List the rigs that are alive, and what they do.", _LIVE),
+    "view": Entry("service.cli.view", "view", "Show a recording or a running rig in Rerun.", _LIVE),
     "scan": Entry("service.cli.scan", "app", "Have it scan: start, stop, cancel, once, pause …", _LIVE),
     "stream": Entry("service.cli.stream", "app", "Have it fuse every frame: start, stop.", _LIVE),
     "record": Entry("service.cli.record", "app", "Record; list, keep, fetch, save recordings.", _LIVE),
@@ -61,6 +63,7 @@ COMMANDS: dict[str, Entry] = {
     "doctor": Entry("service.cli.doctor", "doctor", "Check this machine, and say how to mend it.", _DEVICES),
     "capture": Entry("service.cli.capture", "capture", "Record a few frames, with a picture.", _DEVICES),
     "hz": Entry("service.cli.hz", "hz", "Show frame rate, jitter and drops.", _DEVICES),
+    "quality": Entry("service.cli.quality", "quality", "Measure how well a rig measures.", _DEVICES),
     "calibrate": Entry(
         "service.cli.calibrate", "calibrate", "Find a camera's optics, errors, noise and mount.", _DEVICES
     ),
@@ -205,5 +208,9 @@ def _root(
 def main() -> NoReturn:
     """Run the command line; raises SystemExit."""
     streams.settle()
-    app(prog_name="lidarboost")
+    try:
+        app(prog_name="lidarboost")
+    except SystemExit as told:
+        leaving.leave(told.code if isinstance(told.code, int) else DONE)
+        raise
     raise SystemExit(DONE)

@@ -1,28 +1,17 @@
 """What the commands share that ask something of a running service."""
 
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from service.cli.remote import DEFAULT_ENDPOINT, DEFAULT_PREFIX, Endpoint, Prefix, Timeout
+from service.cli.remote import DEFAULT_ENDPOINT, DEFAULT_PREFIX, Endpoint, Prefix, Timeout, connected
 
 if TYPE_CHECKING:
     from service.wire.asking import Answer
-    from service.wire.client import Client
 
 AsJson = Annotated[bool, typer.Option("--json", help="The reply as it came.")]
-
-
-@contextmanager
-def connected(endpoint: str, prefix: str) -> "Iterator[Client]":
-    """A client, closed in the end."""
-    from service.wire.client import Client
-
-    with Client(endpoint, prefix) as client:
-        yield client
 
 
 def state_of(answer: "Answer") -> str:

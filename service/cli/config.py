@@ -21,7 +21,8 @@ def check(
 ) -> None:
     """Check a configuration: file, environment, and the options of camera, stage and sinks that it names.
 
-    Opens no device. Prints the configuration in force, as TOML.
+    Opens no device. Prints the configuration in force, as TOML; what is
+    secret in it is hidden.
 
     [bold]Examples[/bold]
 
@@ -31,19 +32,32 @@ def check(
 
     [bold]Exit status[/bold]  0 it can be used; 2 it cannot, and standard error says where and why
     """
+    import json
+
     import tomli_w
 
     from service.capture.rig import check_options
     from service.config.file import load
+    from service.config.secrets import without_secrets
     from service.sinks.configured import configured_sinks
 
     found = load(file)
     check_options(found)
     configured_sinks(found.sinks)
-    if as_json:
-        print(found.model_dump_json(indent=2))
-    else:
-        print(tomli_w.dumps(found.model_dump(mode="json", exclude_none=True)), end="")
+    shown = without_secrets(found.model_dump(mode="json", exclude_none=not as_json))
+    print(json.dumps(shown, indent=2, ensure_ascii=False) if as_json else tomli_w.dumps(shown).rstrip())
+
+
+@config.command()
+def presets() -> None:
+    """List the presets, with what each sets: `preset = "fine"` in the configuration, or --preset fine.
+
+    Whatever is set explicitly goes before them.
+    """
+    from service.config.presets import DESCRIPTIONS, describe
+
+    for name, purpose in DESCRIPTIONS.items():
+        print(f"{describe(name)}  # {purpose}")
 
 
 @config.command()

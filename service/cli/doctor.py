@@ -17,7 +17,7 @@ def doctor(
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Check USB permission, udev rule, vendor library, serial port, Zenoh, kernels, disk and clock.
+    """Check USB permission, udev rule, vendor library, serial port, Zenoh, ROS 2, kernels, disk and clock.
 
     No device is opened, nothing is sent or changed. Under each problem stands the line that mends it.
 

@@ -28,8 +28,9 @@ def export(
     """Export frames and fused maps to NumPy or PLY.
 
     .npz holds everything: frames as counts, amplitude, distance, timestamp, pan, tilt and settings; fused
-    maps as fused_depth, fused_deviation, fused_amplitude; intrinsics of both. .ply is a cloud in camera axes
-    (x right, y down, z forward, metres): of a fused map where the recording holds some, else of a frame.
+    maps as fused_depth, fused_deviation, fused_amplitude, fused_reason; intrinsics of both. .ply is a cloud
+    in camera axes (x right, y down, z forward, metres): of a fused map where the recording holds some, else
+    of a frame.
 
     Try:  lidarboost export out/fused.mcap -o map.ply
     """

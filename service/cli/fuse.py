@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from service.cli.preset import PresetOption, configured
 from solver.options import Method
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ def fuse(
     config: Annotated[
         Path | None, typer.Option(help="Configuration, TOML: sections camera and fusion.")
     ] = None,
+    preset: PresetOption = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the file of -o where it exists.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Results as JSON on standard output.")] = False,
 ) -> None:
@@ -63,13 +65,12 @@ def fuse(
     0 done; 1 an input could not be fused; 2 wrong usage; 3 done, but an
     input is damaged.
     """
-    from service.config.file import load
     from service.files import free_path
 
     _check(inputs, out, output, force)
     flags = {"method": method, "upsampling": upsampling, "regularization": regularization, "frames": frames}
-    configuration = load(
-        config, {"fusion": {key: value for key, value in flags.items() if value is not None}}
+    configuration = configured(
+        config, preset, {"fusion": {key: value for key, value in flags.items() if value is not None}}
     )
     done, failed, damaged = [], False, False
     for path in inputs:
@@ -129,6 +130,7 @@ def _fuse_one(
     from service.files import free_path, made_directory
     from service.jobs.fuse import fuse_recording
     from service.messages.summary import describe, summarize
+    from service.messages.viewing import Extras
     from service.sinks.drawing import write_preview
 
     recording = open_recording(path)
@@ -138,7 +140,9 @@ def _fuse_one(
         if target is not None:
             stack.enter_context(made_directory(target.parent))
         announce, say = stack.enter_context(_progress(path, recording.frame_count, quiet=quiet))
-        for result in fuse_recording(recording, configuration.fusion, calibration, target, announce):
+        extras = Extras(configuration.output.points, configuration.output.depth_mm)
+        results = fuse_recording(recording, configuration.fusion, calibration, target, extras, announce)
+        for result in results:
             burst = summarize(result, recording.truth)
             found.append(burst)
             say(f"{path.name}: {describe(burst)}")

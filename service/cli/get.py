@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from service.cli.remote import DEFAULT_ENDPOINT, DEFAULT_PREFIX, Endpoint, Prefix, Timeout
+from service.cli.remote import DEFAULT_ENDPOINT, DEFAULT_PREFIX, Endpoint, Prefix, Timeout, connected
 
 
 def get(
@@ -24,11 +24,10 @@ def get(
     go to .npy (the array) or .npz (`value`, `timestamp`, `intrinsics`, `distortion`), points also to .ply.
     """
     from service.jobs.saving import describe, save, summarize, writer_for
-    from service.wire.client import Client
 
     if output is not None:
         writer_for(output)
-    with Client(endpoint, prefix) as client:
+    with connected(endpoint, prefix) as client:
         received = client.latest(topic, timeout)
     if output is None:
         print(describe(received))

@@ -77,11 +77,9 @@ def _frame_lines(frames: "FramesSummary") -> Iterator[tuple[str, str]]:
     times = ", ".join(
         "not known" if time is None else f"{time * 1e3:g} ms" for time in frames.integration_times
     )
-    carrier = ", ".join(f"{frequency / 1e6:g} MHz" for frequency in frames.modulation_frequencies)
-    reach = ", ".join(f"{metres:.3f} m" for metres in frames.ambiguity_ranges)
     yield (
         "settings",
-        f"integration time {times}; modulation {carrier} (range {reach}); "
+        f"integration time {times}; modulation {_carriers(frames)}; "
         f"amplitude {', '.join(frames.amplitude_modes)}",
     )
     for burst in frames.bursts[:MOST_BURSTS]:
@@ -94,6 +92,17 @@ def _frame_lines(frames: "FramesSummary") -> Iterator[tuple[str, str]]:
         )
     if len(frames.bursts) > MOST_BURSTS:
         yield "", f"and {len(frames.bursts) - MOST_BURSTS} more bursts"
+
+
+def _carriers(frames: "FramesSummary") -> str:
+    if frames.ambiguity_ranges == [None]:
+        return "none known, so distances do not wrap"
+    carrier = ", ".join(
+        "none" if frequency is None else f"{frequency / 1e6:g} MHz"
+        for frequency in frames.modulation_frequencies
+    )
+    reach = ", ".join("none" if metres is None else f"{metres:.3f} m" for metres in frames.ambiguity_ranges)
+    return f"{carrier} (range {reach})"
 
 
 def _size(shape: tuple[int, int], usual: tuple[int, int]) -> str:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from service.cli.commanding import AsJson, add_verb, connected, say
-from service.cli.remote import DEFAULT_ENDPOINT, DEFAULT_PREFIX, Endpoint, Prefix, Timeout
+from service.cli.commanding import AsJson, add_verb, say
+from service.cli.remote import DEFAULT_ENDPOINT, DEFAULT_PREFIX, Endpoint, Prefix, Timeout, connected
 
 if TYPE_CHECKING:
     from service.wire.asking import Answer

@@ -1,13 +1,19 @@
 """`lidarboost run`: the service itself."""
 
 import logging
+import os
 import sys
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from service.cli.preset import PresetOption, configured
+
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
     from service.config.sections import Configuration
     from service.daemon.daemon import Daemon
     from service.fusion.local import LocalExecutor
@@ -49,6 +55,7 @@ def run(
             rich_help_panel=_RUN,
         ),
     ] = False,
+    preset: PresetOption = None,
     output: Annotated[
         Path | None,
         typer.Option(help="Directory for fused.mcap and a picture of every burst.", rich_help_panel=_RUN),
@@ -62,6 +69,8 @@ def run(
 
     Without --once it is a daemon: it scans as configured, publishes
     what it fuses, survives lost devices, and ends cleanly on SIGTERM.
+    SIGHUP has it read CONFIG again; on a terminal, which has then been
+    closed, it ends.
 
     [bold]Examples[/bold]
 
@@ -83,20 +92,27 @@ def run(
     0 done; 1 failed; 2 wrong usage or configuration; 3 done, but data
     was lost: a damaged recording, a burst that could not be fused,
     something not delivered; 130 one pass stopped before its first map.
-    A daemon told to stop ends with 0.
+    A daemon told to stop ends with 0, or with 3 where data was lost.
     """
-    from service.cli.operator import with_consent
-    from service.config.file import load
-    from service.fusion.local import LocalExecutor
+    from service.fusion.process import fusion_process
     from service.signals import stopping
 
-    with stopping() as signals:
-        _check(replay, speed, loop, once)
-        configuration = with_consent(load(config), home)
+    def read() -> "Configuration":
+        from service.cli.operator import with_consent
+
+        found = with_consent(configured(config, preset), home)
         if replay is not None:
-            configuration = _playing(configuration, replay, speed or (None if once else 1.0), loop)
-        with LocalExecutor.configured(configuration) as executor:  # it starts while the rest is imported
-            summary = _served(configuration, executor, output, signals, home=home, once=once, quiet=as_json)
+            found = _playing(found, replay, speed or (None if once else 1.0), loop)
+        return found
+
+    with stopping(reloads=not once and not _has_terminal()) as signals, ExitStack() as stack:
+        _check(replay, speed, loop, once)
+        worker = stack.enter_context(fusion_process())  # it starts while the rest is imported
+        from service.fusion.local import LocalExecutor
+
+        configuration = read()
+        executor = stack.enter_context(LocalExecutor.configured(configuration, worker))
+        summary = _served(configuration, executor, output, signals, read, home=home, once=once, quiet=as_json)
     if summary is None:
         if once:
             raise typer.Abort
@@ -105,8 +121,7 @@ def run(
         print(summary.model_dump_json(indent=2))
     else:
         _tell(summary)
-    # A daemon that was told to stop has done its work, whatever it lost on the way.
-    if summary.lost and not (signals.told and not once):
+    if summary.lost:
         raise typer.Exit(3)
 
 
@@ -115,6 +130,7 @@ def _served(
     executor: "LocalExecutor",
     output: Path | None,
     signals: "Stopping",
+    read: "Callable[[], Configuration]",
     *,
     home: bool,
     once: bool,
@@ -126,23 +142,47 @@ def _served(
     from service.cli.operator import TerminalOperator
     from service.cli.progress import progress_sink
     from service.daemon.logs import log_to_stream
+    from service.daemon.reloading import Reloading
     from service.daemon.run import run_service
 
-    log_to_stream(logging.WARNING if once or quiet else logging.INFO)
+    log_to_stream(logging.WARNING if once or quiet else logging.INFO, configuration.log.format)
     rig = make_rig(configuration, operator=TerminalOperator(home, sees_log=not (once or quiet)))
     sinks = {"progress": progress_sink()} if once and not quiet else {}
 
     def started(daemon: "Daemon") -> None:
         signals.stops(daemon.stop.set)
+        signals.reloads(Reloading(daemon, read).begin)
 
     if signals.told:
         return None
     try:
         return run_service(
-            configuration, rig, output=output, once=once, sinks=sinks, executor=executor, started=started
+            configuration,
+            rig,
+            output=output,
+            once=once,
+            sinks=sinks,
+            executor=executor,
+            started=started,
+            abandoned=None if once else _leave,
         )
     except MotionStoppedError:  # while the stage was opened: there is nothing to sum up
         return None
+
+
+def _has_terminal() -> bool:
+    """Whether there is one whose end SIGHUP may tell of."""
+    return any(os.isatty(descriptor) for descriptor in range(3))
+
+
+def _leave(lost: "Sequence[str]") -> None:
+    """End the process though a device holds its owner."""
+    for loss in lost:
+        print("lost:", loss, file=sys.stderr)
+    with suppress(ValueError, OSError):
+        sys.stdout.flush()
+        sys.stderr.flush()
+    os._exit(3 if lost else 0)
 
 
 def _check(replay: Path | None, speed: float | None, loop: bool, once: bool) -> None:

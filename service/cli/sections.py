@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from service.cli.commanding import AsJson, add_verb, connected, fields_of, say
-from service.cli.remote import DEFAULT_ENDPOINT, DEFAULT_PREFIX, Endpoint, Prefix, Timeout
+from service.cli.commanding import AsJson, add_verb, fields_of, say
+from service.cli.remote import DEFAULT_ENDPOINT, DEFAULT_PREFIX, Endpoint, Prefix, Timeout, connected
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -22,7 +22,7 @@ def _app(name: str, what: str, example: str) -> typer.Typer:
     def show(answer: "Answer") -> str:
         fields = _model(name).model_fields
         lines = [
-            f"{field} = {json.dumps(value)}".ljust(32) + f"# {fields[field].description}"
+            f"{field} = {json.dumps(value)}".ljust(32) + f" # {fields[field].description}"
             for field, value in answer[name].items()
             if field in fields
         ]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from service.cli.remote import DEFAULT_ENDPOINT, DEFAULT_PREFIX, Endpoint, Prefix, Timeout
+from service.cli.remote import DEFAULT_ENDPOINT, DEFAULT_PREFIX, Endpoint, Prefix, Timeout, connected
 
 if TYPE_CHECKING:
     from service.messages.status import Status
@@ -23,9 +23,8 @@ def status(
 
     from service.messages.decoding import read
     from service.messages.status import Status
-    from service.wire.client import Client
 
-    with Client(endpoint, prefix) as client:
+    with connected(endpoint, prefix) as client:
         received = client.latest("status", timeout)
     if as_json:
         print(json.dumps(received.value, indent=2))
@@ -51,9 +50,11 @@ def _lines(told: "Status") -> Iterator[tuple[str, str]]:
         f"{told.fusion.backlog} waiting",
     )
     if told.totals.unconverged or told.fusion.restarts:
+        hung = f", {told.fusion.hung} times since it hung" if told.fusion.hung else ""
         yield (
             "",
-            f"{told.totals.unconverged} not converged; the fusion was restarted {told.fusion.restarts} times",
+            f"{told.totals.unconverged} not converged; the fusion was restarted {told.fusion.restarts} "
+            f"times{hung}",
         )
     used = told.in_force
     yield (
@@ -64,8 +65,22 @@ def _lines(told: "Status") -> Iterator[tuple[str, str]]:
     drops = [f"{count} {cause}" for cause, count in told.drops.model_dump().items() if count]
     yield "dropped", ", ".join(drops) or "nothing"
     yield "recording", _recording(told)
+    if told.temperature is not None:
+        yield "camera", f"{told.temperature:.1f} °C"
+    if told.drift is not None:
+        drift = told.drift
+        yield (
+            "drift",
+            f"{drift.distance * 1000:+.1f} ± {drift.deviation * 1000:.1f} mm of what stands still "
+            f"({drift.static:.0%}), in {drift.seconds:.0f} s",
+        )
     for fault in told.degraded:
         yield "degraded", f"{fault.what}, for {fault.seconds:.0f} s; {fault.remedy}"
+    for one in told.subscribers:
+        yield (
+            "in hand",
+            f"{one.topic} of {one.who}: {one.latency:.2f} s after the exposure, {one.slowest:.2f} s at most",
+        )
     refused = [f"{count} {code}" for code, count in told.commands.refused.items()]
     yield "commands", f"{told.commands.accepted} carried out, refused: {', '.join(refused) or 'none'}"
     yield "error", "none" if told.error is None else f"{_clock(told.error.timestamp)} {told.error.what}"

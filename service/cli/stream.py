@@ -4,8 +4,8 @@ from typing import Annotated
 
 import typer
 
-from service.cli.commanding import AsJson, add_verb, connected, say
-from service.cli.remote import DEFAULT_ENDPOINT, DEFAULT_PREFIX, Endpoint, Prefix, Timeout
+from service.cli.commanding import AsJson, add_verb, say
+from service.cli.remote import DEFAULT_ENDPOINT, DEFAULT_PREFIX, Endpoint, Prefix, Timeout, connected
 
 app = typer.Typer(
     add_completion=False,

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from service.cli.remote import DEFAULT_ENDPOINT, DEFAULT_PREFIX, Endpoint, Prefix
+from service.cli.remote import DEFAULT_ENDPOINT, DEFAULT_PREFIX, Endpoint, Prefix, connected
 
 
 def watch(
@@ -20,9 +20,8 @@ def watch(
     from service.jobs.saving import as_json as to_json
     from service.jobs.saving import summarize
     from service.streams import is_gone
-    from service.wire.client import Client
 
-    with Client(endpoint, prefix) as client, client.subscribe(topic) as messages:
+    with connected(endpoint, prefix) as client, client.subscribe(topic) as messages:
         for received in islice(messages, count):
             print(
                 to_json(received) if as_json else f"{_time(received.timestamp)} {summarize(received)}",

@@ -14,6 +14,8 @@ from pydantic_settings import BaseSettings, InitSettingsSource, PydanticBaseSett
 from pydantic_settings.exceptions import SettingsError
 
 from drivers.documents import parse_toml, require_plain, shortened
+from service.config.presets import PRESETS
+from service.config.secrets import HIDDEN, is_secret, without_secrets
 from service.config.sections import Configuration
 from service.errors import ConfigurationError
 
@@ -28,11 +30,18 @@ _KUBERNETES = re.compile(
 _brief = Repr()
 _brief.maxstring = _brief.maxother = 80
 
-_NOT_CONFIGURATION = frozenset({"LIDARBOOST_DEBUG", "LIDARBOOST_ENDPOINT"})
+_NOT_CONFIGURATION = frozenset({"LIDARBOOST_DEBUG", "LIDARBOOST_ENDPOINT", "LIDARBOOST_CLIENT"})
+
+
+class _PresetSource(InitSettingsSource):
+    """The settings of the preset that a higher layer names."""
+
+    def __call__(self) -> dict[str, Any]:
+        return PRESETS.get(str(self.current_state.get("preset")), {})
 
 
 class _Layers(BaseSettings, Configuration):
-    """The three layers, highest first: flags, environment, file."""
+    """The four layers, highest first: flags, environment, file, the preset that one of them names."""
 
     document: ClassVar[dict[str, Any]] = {}
 
@@ -47,7 +56,8 @@ class _Layers(BaseSettings, Configuration):
         dotenv_settings: PydanticBaseSettingsSource,  # noqa: ARG003
         file_secret_settings: PydanticBaseSettingsSource,  # noqa: ARG003
     ) -> tuple[PydanticBaseSettingsSource, ...]:
-        return init_settings, env_settings, InitSettingsSource(settings_cls, cls.document)
+        file = InitSettingsSource(settings_cls, cls.document)
+        return init_settings, env_settings, file, _PresetSource(settings_cls, {})
 
 
 def load(path: Path | None = None, flags: Mapping[str, Any] | None = None) -> Configuration:
@@ -142,7 +152,9 @@ def _words(fault: ErrorDetails, keys: tuple[str, ...], model: type[BaseModel]) -
         return f"unknown key {name}{_nearest(keys[-1], list(model.model_fields), '.'.join(keys[:-1]))}"
     field = model.model_fields.get(keys[-1])
     meaning = f" ({field.description})" if field is not None and field.description else ""
-    return f"{name} = {_brief.repr(fault['input'])}: {fault['msg']}{meaning}"
+    hidden = any(map(is_secret, keys))
+    given = HIDDEN if hidden else _brief.repr(without_secrets(fault["input"]))
+    return f"{name} = {given}: {fault['msg']}{meaning}"
 
 
 def _walk(location: tuple[int | str, ...]) -> tuple[tuple[str, ...], type[BaseModel]]:

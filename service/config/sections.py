@@ -8,6 +8,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from drivers.settings import CameraSettings
 from solver.options import FusionOptions, Method
 
+Preset = Literal["fine", "fast", "far", "dark"]
+"""Names of the presets; `service.config.presets` has what they set."""
+
 
 class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -22,7 +25,7 @@ class CameraSection(_Section):
     recording: Path | None = Field(None, description="What `auto` plays where there is no real camera.")
     options: dict[str, Any] = Field({}, description="Options of the backend itself; it checks them.")
     settings: CameraSettings | None = Field(
-        None, description="Settings to put in force; none = as the camera has them."
+        None, description="Settings to put in force; those not named stay as the camera has them."
     )
     calibration: Path | None = Field(
         None, description="TOML file that replaces the calibration the camera brings along."
@@ -76,13 +79,13 @@ class FusionSection(_Section):
     frames: int = Field(15, ge=1, le=200, description="Frames of one burst.")
     method: Method = Field("auto", description="`auto` = `phasor` where there is amplitude, else `area`.")
     upsampling: int = Field(4, ge=1, le=16, description="β: fused pixels per sensor pixel, along each axis.")
-    regularization: Annotated[float, Field(gt=0)] | Literal["auto"] = Field(
+    regularization: Annotated[float, Field(gt=0, le=1e9)] | Literal["auto"] = Field(
         "auto",
         description="λ, metres (`phasor`: a factor on its penalties, 1 = auto); `auto` = from the noise.",
     )
     tolerance: float = Field(1e-3, gt=0, lt=1, description="Relative error at which the solve stops.")
     max_iterations: int = Field(1000, ge=1, le=1_000_000, description="Most iterations of one solve.")
-    amplitude_threshold: Annotated[float, Field(ge=0)] | Literal["auto"] = Field(
+    amplitude_threshold: Annotated[float, Field(ge=0, le=1e9)] | Literal["auto"] = Field(
         "auto",
         description="Counts per second of integration time under which a sample is not used; 0 = none.",
     )
@@ -125,6 +128,13 @@ class ZenohSection(_Section):
     config: Path | None = Field(
         None, description="Zenoh's own JSON5 file; none = a peer that listens on tcp/127.0.0.1:7447."
     )
+    raw_rate: float | None = Field(
+        None,
+        gt=0,
+        le=1000,
+        description="Raw frames published per second at most, for thin links; none = all. Recordings and "
+        "fusion have all in any case.",
+    )
 
 
 class RecordingSection(_Section):
@@ -135,6 +145,15 @@ class RecordingSection(_Section):
     rotate_size: float = Field(1024.0, ge=1, le=1e6, description="MB after which a new file is begun.")
     rotate_duration: float = Field(3600.0, ge=1, le=1e6, description="Seconds until a new file is begun.")
     maps: bool = Field(True, description="Write fused maps too, not frames alone.")
+    points: int = Field(
+        4,
+        ge=0,
+        le=64,
+        description="Points of each map beside it: of every so many rows and columns one; 0 = none.",
+    )
+    depth_mm: bool = Field(
+        True, description="The depth of each map in millimetres beside it, which viewers can paint."
+    )
     replays: bool = Field(False, description="Record while a recording is played, too.")
     preroll: float = Field(
         2.0,
@@ -158,11 +177,66 @@ class OutputSection(_Section):
     """What `--output` receives besides `fused.mcap`."""
 
     preview: bool = Field(True, description="A PNG of every map; live, of the newest, as time allows.")
+    points: int = Field(
+        4,
+        ge=0,
+        le=64,
+        description="Points of each map beside it: of every so many rows and columns one; 0 = none.",
+    )
+    depth_mm: bool = Field(
+        True, description="The depth of each map in millimetres beside it, which viewers can paint."
+    )
     pictures: int = Field(1000, ge=1, le=1_000_000, description="Pictures kept live; the oldest goes.")
     rotate_size: float = Field(1024.0, ge=1, le=1e6, description="MB after which a new file is begun.")
     budget: float = Field(
         20_000.0, ge=1, le=1e9, description="MB of the files of one run; live, the oldest goes when full."
     )
+
+
+class MetricsSection(_Section):
+    """Metrics, and whether the service is alive and ready, by HTTP on this machine alone."""
+
+    enabled: bool = Field(
+        False, description="Serve /metrics (Prometheus), /healthz and /readyz; needs lidarboost[metrics]."
+    )
+    port: int = Field(9464, ge=0, le=65535, description="TCP port on 127.0.0.1; 0 = any that is free.")
+
+
+class Ros2Section(_Section):
+    """The service as a node of ROS 2 under rmw_zenoh; needs lidarboost[ros2]."""
+
+    enabled: bool = Field(False, description="Appear to ROS 2 nodes.")
+    domain: int = Field(0, ge=0, le=232, description="ROS_DOMAIN_ID.")
+    namespace: str = Field(
+        "/lidarboost",
+        pattern=r"^(/|(/[A-Za-z_][A-Za-z0-9_]*)+)$",
+        description="What the names of node and topics begin with; / = nothing.",
+    )
+    distribution: Literal["humble", "iron", "jazzy", "kilted", "lyrical"] = Field(
+        "jazzy", description="Of the nodes that listen."
+    )
+    config: Path | None = Field(
+        None,
+        description="Zenoh's own JSON5 file for this session; none = reached where the service listens.",
+    )
+
+
+class FoxgloveSection(_Section):
+    """A server for Foxglove and Lichtblick."""
+
+    enabled: bool = Field(False, description="Serve viewers; needs lidarboost[foxglove].")
+    host: str = Field(
+        "127.0.0.1",
+        min_length=1,
+        description="Address to listen on; beyond loopback anybody may look.",
+    )
+    port: int = Field(8765, ge=0, le=65535, description="TCP port; 0 = any that is free.")
+
+
+class LogSection(_Section):
+    """How the service says what happens, on standard output."""
+
+    format: Literal["text", "json"] = Field("text", description="Lines to read, or a JSON object a line.")
 
 
 class SinkSection(_Section):
@@ -179,6 +253,10 @@ class Configuration(_Section):
     """Everything that can be set, by one TOML file, then the environment, then flags."""
 
     start: Literal["idle", "scan", "stream"] = Field("scan", description="What the service does first.")
+    preset: Preset | None = Field(
+        None,
+        description="Settings for a purpose, under all that is set explicitly: lidarboost config presets.",
+    )
     camera: CameraSection = CameraSection()
     stage: StageSection = StageSection()
     plan: PlanSection = PlanSection()
@@ -187,4 +265,8 @@ class Configuration(_Section):
     zenoh: ZenohSection = ZenohSection()
     recording: RecordingSection = RecordingSection()
     output: OutputSection = OutputSection()
+    metrics: MetricsSection = MetricsSection()
+    ros2: Ros2Section = Ros2Section()
+    foxglove: FoxgloveSection = FoxgloveSection()
+    log: LogSection = LogSection()
     sinks: dict[str, SinkSection] = Field({}, description="Further sinks, by the name of each.")

@@ -2,8 +2,9 @@
 
 import time
 from collections.abc import Callable
+from threading import Lock
 
-from service.messages.events import Event, FrameCaptured, FusionFailed, MapFused
+from service.messages.events import Event, FrameCaptured, FusionFailed, MapFused, SolverAdvanced
 from service.messages.progress import ScanProgress
 
 
@@ -25,14 +26,22 @@ class Advance:
         self._poses, self._unfinished, self._clock = poses, unfinished, clock
         self._latest: ScanProgress | None = None
         self._began = 0.0
+        self._lock = Lock()  # frames and maps come from different threads
 
     def after(self, event: Event) -> ScanProgress | None:
         """The progress after an event; None where it made none."""
+        with self._lock:
+            return self._after(event)
+
+    def _after(self, event: Event) -> ScanProgress | None:
         if isinstance(event, FrameCaptured) and event.frame.burst is not None:
             self._latest = self._captured(event.frame.burst, event.frame.timestamp)
         elif isinstance(event, (MapFused, FusionFailed)) and self._latest is not None:
             # The one that this event is about is not finished with yet.
-            self._latest = self._latest.model_copy(update={"fusing": max(0, self._unfinished() - 1)})
+            left = max(0, self._unfinished() - 1)
+            self._latest = self._latest.model_copy(update={"fusing": left, "solver": None})
+        elif isinstance(event, SolverAdvanced) and self._latest is not None:
+            self._latest = self._latest.model_copy(update={"solver": event.progress})
         else:
             return None
         return self._latest
@@ -54,4 +63,5 @@ class Advance:
             captured=captured,
             seconds=seconds,
             fusing=self._unfinished(),
+            solver=None if last is None else last.solver,
         )

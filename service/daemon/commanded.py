@@ -5,6 +5,7 @@ from contextlib import contextmanager
 
 import zenoh
 
+from drivers.text import json_of
 from service.daemon.commands import commands
 from service.daemon.daemon import Daemon
 from service.daemon.desk import Desk
@@ -22,7 +23,7 @@ def commanded(daemon: Daemon, session: zenoh.Session) -> Iterator[None]:
     daemon.command_counts = lambda: dispatcher.counts
 
     def manifest() -> bytes:
-        return manifest_of(daemon, table).model_dump_json().encode()
+        return json_of(manifest_of(daemon, table))
 
     with (
         Answers(session, prefix, manifest, lambda: schemas(table)),

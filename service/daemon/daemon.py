@@ -6,10 +6,7 @@ from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
 from threading import Event as Flag
 
-from pydantic import BaseModel
-
 from drivers.frame import Frame
-from drivers.poses import camera_rotation
 from drivers.recording import Recording
 from drivers.settings import Capabilities
 from service.capture.control import Control
@@ -29,6 +26,7 @@ from service.daemon.monitor import Monitor
 from service.daemon.origin import Origin
 from service.daemon.playing import Playing
 from service.daemon.states import States
+from service.daemon.supervision import Supervision
 from service.daemon.systemd import READY, STOPPING, notify
 from service.errors import InvalidStateError, IoFailureError, MotionError
 from service.fusion.local import LocalExecutor
@@ -37,7 +35,7 @@ from service.messages.replay import ReplayState
 from service.messages.status import CommandCounts
 from service.sinks.bus import Bus
 
-_LAST_JOBS = 2.0
+_LAST_JOBS = 1.5
 """Seconds that the jobs in work get when the service is told to stop: it shall end within five."""
 
 _log = logging.getLogger(__name__)
@@ -79,7 +77,9 @@ class Daemon:
         self.fusing = Fusing(executor, self.emit, lossless=once)
         self.origin = Origin(lambda: self.configuration, self.fusing, self.emit)
         self._advance = Advance(lambda: self.origin.planned, lambda: self.fusing.backlog.unfinished)
+        self.supervision = Supervision(self.states, self._is_live)
         self.mode: Mode | None = None
+        self.lookouts: list[Callable[[], None]] = []
         self.command_counts: Callable[[], CommandCounts] = CommandCounts
 
     @property
@@ -99,11 +99,19 @@ class Daemon:
         return self.rig.camera.capabilities.carries_pose
 
     @property
+    def is_replayed(self) -> bool:
+        """Whether a recording is played, which comes to an end by itself."""
+        return self.rig.camera.capabilities.source == "replay"
+
+    @property
     def planned(self) -> int | None:
         """Frames of a whole burst: of the plan, or as a recording says; None = it does not."""
         if not self.carries_pose:
             return self.configuration.fusion.frames
         return None if self.recording is None else self.recording.planned
+
+    def _is_live(self) -> bool:
+        return self.camera is not None and self.camera.source != "replay"
 
     @property
     def ending(self) -> bool:
@@ -113,6 +121,7 @@ class Daemon:
     def emit(self, event: Event) -> None:
         """Note an event and hand it to the sinks."""
         self.ledger.note(event)
+        self.supervision.note(event)
         self.bus.emit(event)
         if (progress := self._advance.after(event)) is not None:
             self.bus.emit(ScanProgressed(progress))
@@ -136,42 +145,6 @@ class Daemon:
         """
         mode.prepare()
         return self.agenda.ask(mode)
-
-    def reconfigure(self, **sections: BaseModel) -> None:
-        """Put other sections of the configuration in force; for the thread that owns the devices.
-
-        Raises:
-            PlanError: a plan out of reach; nothing has changed.
-        """
-        before = self.configuration
-        self.configuration = before.model_copy(update=sections)
-        try:
-            self.renew()
-        except BaseException:
-            self.configuration = before
-            raise
-
-    def renew(self) -> None:
-        """Have the mode at work, or the next, begin anew with what is configured now; raises as `begin`."""
-        following = self.agenda.next
-        mode = following if following is not None else self.mode
-        if mode is None or mode.rig is not self.rig or isinstance(mode, Idle):
-            self._check_plan()
-        if following is not None and not isinstance(following, Idle):
-            self.agenda.replace(self._anew(following))
-        elif following is None and mode is not None and not isinstance(mode, Idle):
-            self.agenda.ask(self._anew(mode))
-        self.origin.tell_head()
-
-    def _check_plan(self) -> None:
-        """A plan is looked at also where nothing is scanned; raises `PlanError`."""
-        if self.rig.is_open:
-            Scanning(self).prepare()
-
-    def _anew(self, mode: Mode) -> Mode:
-        fresh = mode.anew()
-        fresh.prepare()
-        return fresh
 
     def close(self) -> None:
         """End the process that fuses, whatever it does."""
@@ -250,8 +223,6 @@ class Daemon:
         expected = settings.stream.window if settings.start == "stream" else settings.fusion.frames
         frames = recording.frame_count if recording is not None else expected if self.once else None
         self.origin.show(self.rig, self.rig.clock.now(), frames)
-        # Imports a good part of SciPy, once, before frames come.
-        camera_rotation(0.0, 0.0, self.rig.calibration.mount)
 
     def _show(self, rig: Rig) -> None:
         """Have frames come from this rig; what the one before has left is fused first."""
@@ -289,4 +260,6 @@ class Daemon:
             self.rig.close()
 
     def _captured(self, frame: Frame) -> None:
+        if self.mode is not None and self.states.state == "recovering":
+            self.states.enter(self.mode.state, self.mode.reason)
         self.emit(FrameCaptured(frame, self.rig.calibration.mount))

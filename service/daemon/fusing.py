@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
+from math import isfinite
 from threading import Event as Flag
 
 import numpy as np
@@ -9,10 +10,11 @@ from numpy.typing import NDArray
 
 from service.errors import ServiceError
 from service.fusion.backlog import Backlog
-from service.fusion.job import Job
+from service.fusion.job import FrameJob, Iterating, Job
 from service.fusion.local import LocalExecutor
-from service.messages.events import Event, FusionFailed, MapFused
+from service.messages.events import Event, FusionFailed, MapFused, SolverAdvanced
 from service.messages.map import FusedMap
+from service.messages.progress import SolverProgress
 
 _log = logging.getLogger(__name__)
 
@@ -31,11 +33,11 @@ class Fusing:
 
     def __init__(self, executor: LocalExecutor, emit: Callable[[Event], None], *, lossless: bool) -> None:
         self.executor = executor
-        self.backlog = Backlog(self.executor, self._fused, self._failed, lossless=lossless)
+        self.backlog = Backlog(self.executor, self._fused, self._failed, self._iterating, lossless=lossless)
         self.truth: NDArray[np.float32] | None = None
         self._emit = emit
-        self._grid_moved = False
         self._streams = 0
+        self._moved: int | None = None
 
     def waiting(self, stop: Flag) -> Iterator[str]:
         """What is done until the kernels are compiled; raises `WorkerError` where the fusion was given up."""
@@ -59,7 +61,6 @@ class Fusing:
     def next_stream(self) -> int:
         """The number of a stream that begins; its grid is that of the first view."""
         self._streams += 1
-        self._grid_moved = False
         return self._streams
 
     def require_map(self, failures: Sequence[str]) -> None:
@@ -67,10 +68,21 @@ class Fusing:
         if self.backlog.fused == 0:
             raise ServiceError(f"no burst could be fused: {failures[-1] if failures else 'there was none'}")
 
-    def _fused(self, result: FusedMap) -> None:
+    def _fused(self, job: Job, result: FusedMap) -> None:
         # The truth is that of the first view: a stream whose grid has moved has none.
-        self._grid_moved = self._grid_moved or bool(result.report.notes)
-        self._emit(MapFused(result, None if self._grid_moved else self.truth))
+        stream = job.stream if isinstance(job, FrameJob) else None
+        if stream is not None and result.report.notes:
+            self._moved = stream
+        moved = stream is not None and stream == self._moved
+        self._emit(MapFused(result, None if moved else self.truth))
+
+    def _iterating(self, job: Job, so_far: Iterating) -> None:
+        known = so_far.objective if isfinite(so_far.objective) else None
+        self._emit(
+            SolverAdvanced(
+                SolverProgress(burst=job.number, iteration=so_far.iteration, objective=known, gap=so_far.gap)
+            )
+        )
 
     def _failed(self, job: Job, error: Exception) -> None:
         _log.error("number %d could not be fused: %s", job.number, error)

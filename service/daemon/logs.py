@@ -1,11 +1,14 @@
 """The service's log: to standard output and as events; repeated warnings are thinned out."""
 
+import json
 import logging
 import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
+from typing import Any, Literal
 
 from service.messages.events import Event, Logged
 
@@ -33,7 +36,9 @@ class RepeatFilter(logging.Filter):
     def filter(self, record: logging.LogRecord) -> bool:
         if record.levelno < logging.WARNING:
             return True
-        place, text, now = (record.pathname, record.lineno), record.getMessage(), self._clock()
+        # Two handlers see the same record, each behind its filter: what one has added is no other text.
+        text: str = record.__dict__.setdefault("as_said", record.getMessage())
+        place, now = (record.pathname, record.lineno), self._clock()
         said = self._said.setdefault(place, deque(maxlen=_DIFFERENT))
         while said and now - said[0][0] >= _QUIET:
             said.popleft()
@@ -44,7 +49,27 @@ class RepeatFilter(logging.Filter):
         held = self._held.pop(place, 0)
         if held:
             record.msg, record.args = f"{text} (and {held} times more since)", None
+            record.repeated = held
         return True
+
+
+class JsonFormatter(logging.Formatter):
+    """One JSON object a line: time (UTC, ISO 8601), level, logger, message; where they are, also how often it
+    was repeated since and the traceback."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        at = datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
+        told: dict[str, Any] = {
+            "time": at.replace("+00:00", "Z"),
+            "level": record.levelname.lower(),
+            "logger": record.name,
+            "message": record.getMessage(),
+        }
+        if (repeated := getattr(record, "repeated", 0)) > 0:
+            told["repeated"] = repeated
+        if record.exc_info:
+            told["traceback"] = self.formatException(record.exc_info)
+        return json.dumps(told, ensure_ascii=False)
 
 
 class _Emitting(logging.Handler):
@@ -59,12 +84,13 @@ class _Emitting(logging.Handler):
             self.handleError(record)
 
 
-def log_to_stream(level: int) -> None:
+def log_to_stream(level: int, style: Literal["text", "json"] = "text") -> None:
     """Log this service's records of at least `level` to standard output, time first (to the error stream
     where only warnings are wanted: standard output then belongs to the result)."""
     logging.raiseExceptions = False  # a closed pipe at the other end is no reason to fill the error stream
     handler = logging.StreamHandler(sys.stderr if level >= logging.WARNING else sys.stdout)
-    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
+    text = logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s")
+    handler.setFormatter(text if style == "text" else JsonFormatter())
     handler.addFilter(RepeatFilter())
     for name in _LOGGERS:
         logger = logging.getLogger(name)

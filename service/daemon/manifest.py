@@ -84,7 +84,7 @@ def _topic(row: Topic) -> TopicEntry:
 def _command(command: Command) -> CommandEntry:
     return CommandEntry(
         name=command.name,
-        schema_name=command.schema.name,
+        schema_name=command.schema_name,
         actions={action: (verb.__doc__ or "").strip() for action, verb in command.actions.items()},
         description=command.description,
     )

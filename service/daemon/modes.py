@@ -66,7 +66,7 @@ class Idle:
 
     def run(self) -> None:
         daemon = self._daemon
-        recover = Recovery(daemon, self)
+        recover = Recovery(daemon, self, proven=False)
         while not daemon.ending:
             try:
                 if not daemon.rig.is_open:  # something was asked for while a device was lost
@@ -130,7 +130,7 @@ class Scanning:
         try:
             for number, burst in enumerate(capture.run(), 1):
                 self._hand_over(burst, number)
-                if daemon.once and not daemon.carries_pose:
+                if daemon.once and not daemon.is_replayed:
                     return
                 if self.asked and not daemon.agenda.awaited:
                     daemon.rest()
@@ -177,9 +177,10 @@ class Streaming:
         for number, frame in enumerate(capture.run()):
             calibration = daemon.rig.calibration
             check_frame(frame, calibration)
-            job = FrameJob(frame, calibration, settings.fusion, settings.stream.window, self._number, number)
+            window, exposed = settings.stream.window, daemon.rig.exposed(frame)
+            job = FrameJob(frame, calibration, settings.fusion, window, self._number, number, exposed)
             daemon.fusing.backlog.put(job, _NEWEST, daemon.stop.is_set)
-            if daemon.once and not daemon.carries_pose and number + 1 == settings.stream.window:
+            if daemon.once and not daemon.is_replayed and number + 1 == settings.stream.window:
                 return
 
     def anew(self) -> Streaming:

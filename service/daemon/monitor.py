@@ -13,6 +13,7 @@ from service.fusion.executor import Executor
 from service.messages.events import ReplayTold, StatusTold
 from service.messages.status import Drops, InForce, LastError, Rates, Status, Totals
 from service.sinks.bus import Bus
+from service.sinks.publisher import PUBLISHER, Publisher
 from service.sinks.recorder import RECORDER, Recorder
 from service.versions import software_version
 
@@ -44,6 +45,8 @@ class Monitor:
         """Look after the sinks, tell the status, feed the watchdog."""
         self._bus.watch()
         self._judge_sinks()
+        for look in self._daemon.lookouts:
+            look()
         status = self.status()
         self._daemon.emit(StatusTold(status))
         if not isinstance(self._daemon.mode, Playing):
@@ -55,7 +58,7 @@ class Monitor:
         daemon, states, ledger = self._daemon, self._daemon.states, self._daemon.ledger
         fusion, sinks = self._executor.state, self._bus.states
         lost = {sink.name: sink.dropped for sink in sinks}
-        recorder, camera = self._bus.sink(RECORDER), daemon.camera
+        recorder, publisher, camera = self._bus.sink(RECORDER), self._bus.sink(PUBLISHER), daemon.camera
         return Status(
             timestamp=self._rig.clock.now() + self._rig.clock.correction(),
             version=software_version(),
@@ -82,13 +85,16 @@ class Monitor:
                 bursts=self._capture.interrupted + daemon.fusing.backlog.dropped,
                 skipped=daemon.fusing.backlog.skipped,
                 fusions=ledger.failed,
-                published=lost.get("publisher", 0),
+                published=lost.get(PUBLISHER, 0),
                 recorded=lost.get("recorder", 0),
             ),
             fusion=fusion,
             latency=ledger.latency,
+            temperature=self._rig.camera.temperature,
+            drift=daemon.supervision.drift,
             recorder=recorder.state if isinstance(recorder, Recorder) else None,
             sinks=sinks,
+            subscribers=publisher.subscribers if isinstance(publisher, Publisher) else (),
             commands=daemon.command_counts(),
             in_force=self._in_force(),
             error=self._last_error(self._capture.error or fusion.error),
@@ -103,7 +109,9 @@ class Monitor:
             frames=settings.fusion.frames,
             window=settings.stream.window,
             span=settings.plan.span,
+            pause=settings.plan.pause,
             integration_time=self._rig.camera.settings.integration_time,
+            modulation_frequency=self._rig.camera.settings.modulation_frequency,
         )
 
     def _last_error(self, what: str | None) -> LastError | None:

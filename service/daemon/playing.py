@@ -16,13 +16,13 @@ from service.capture.rig import Rig
 from service.daemon.agenda import Done
 from service.daemon.heartbeat import Heartbeat
 from service.daemon.replay_state import replay_state
+from service.daemon.step import Step
 from service.errors import InvalidStateError, ServiceError
 from service.fusion.job import BurstJob, FrameJob, Job
 from service.messages.burst import Burst, check_frame
-from service.messages.events import BurstCaptured, Delivery, FrameCaptured, ReplayTold
+from service.messages.events import BurstCaptured, FrameCaptured, ReplayTold
 from service.messages.map import FusedMap
 from service.messages.replay import ReplayState
-from service.messages.report import BurstReport
 from service.messages.status import State
 
 if TYPE_CHECKING:
@@ -63,6 +63,7 @@ class Playing:
         self._daemon, self.rig, self.player = daemon, rig, player
         self.name, self.kind, self._ends = name, kind, ends
         self.state: State = "scanning" if kind == "scan" else "streaming"
+        self._step = Step(player, daemon.emit)
         self._error: str | None = None
         self._beats = 0
 
@@ -99,7 +100,7 @@ class Playing:
                     self._fail(error)
         following = self._daemon.agenda.next
         if not (isinstance(following, Playing) and following.player is self.player):
-            self._give_up_step("the replay ended meanwhile")
+            self._step.fail(InvalidStateError("the replay ended meanwhile"))
             self._daemon.fusing.backlog.clear()
 
     def change(self, do: Callable[[Player], None]) -> None:
@@ -108,7 +109,7 @@ class Playing:
         was_stepping = self.player.stepping
         do(self.player)
         if was_stepping or self.player.sought:
-            self._give_up_step("something else was asked for meanwhile")
+            self._step.fail(InvalidStateError("something else was asked for meanwhile"))
         if self.player.sought:
             self._daemon.fusing.backlog.clear()
         self.told()
@@ -166,7 +167,7 @@ class Playing:
             if shot.number + 1 >= bursts.end(place):
                 break
             if shot.is_last:
-                self._finish_step()
+                self._step.end()
             shot = self._next(None)
         made = Burst(frames[0].burst or 0, tuple(frames), calibration, bursts.expected[place])
         return made, shot.is_last
@@ -222,47 +223,22 @@ class Playing:
         def done(result: FusedMap | Exception) -> None:
             daemon.control.inbox.wake()
             if stepped is not None:
-                self._answer(stepped, result)
+                self._step.answer(stepped, result)
             if turn is not None:
                 turn(result)
 
         room = max(_AHEAD, daemon.configuration.fusion.backlog)
         daemon.fusing.backlog.put(job, room, daemon.stop.is_set, done)
 
-    def _answer(self, stepped: Stepped, result: FusedMap | Exception) -> None:
-        if isinstance(result, Exception):
-            if not stepped.done():
-                stepped.set_exception(result)
-        else:
-            self._daemon.emit(Delivery(lambda: _resolve(stepped, result.report)))
-
-    def _finish_step(self) -> None:
-        """A step ended in the middle of a burst: there is no map."""
-        stepped, self.player.stepped = self.player.stepped, None
-        if stepped is not None:
-            self._daemon.emit(Delivery(lambda: _resolve(stepped, None)))
-
-    def _give_up_step(self, why: str) -> None:
-        stepped, self.player.stepped = self.player.stepped, None
-        if stepped is not None and not stepped.done():
-            stepped.set_exception(InvalidStateError(why))
-
     def _fail(self, error: DriverError) -> None:
         """Stand still over what cannot be played, and say so until it is told to do something else."""
         _log.error("replay: %s", error)
         self.player.pause()
         self._error = str(error)
-        stepped, self.player.stepped = self.player.stepped, None
-        if stepped is not None:
-            stepped.set_exception(error)
+        self._step.fail(error)
         self.told()
 
     def _beat(self) -> None:
         self._beats += 1
         if self.player.playing or self._beats % 5 == 0:
             self._daemon.emit(ReplayTold(self.replay))
-
-
-def _resolve(stepped: Stepped, report: BurstReport | None) -> None:
-    if not stepped.done():
-        stepped.set_result(report)

@@ -1,32 +1,51 @@
 """A run with all that the configuration asks for: session, sinks, daemon; and what came of it."""
 
+import logging
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
+
+import zenoh
 
 from service.capture.rig import Rig
 from service.config.sections import Configuration
 from service.daemon.commanded import commanded
 from service.daemon.daemon import Daemon
+from service.daemon.last_resort import last_resort
+from service.daemon.network import Network
+from service.daemon.recording import begin_recorder
 from service.files import made_directory
 from service.fusion.local import LocalExecutor
 from service.messages.summary import BurstSummary, RunSummary
+from service.messages.viewing import Extras
 from service.sinks.bus import Bus
 from service.sinks.configured import configured_sinks
 from service.sinks.file_series import FileSeries
+from service.sinks.foxglove import Foxglove
+from service.sinks.foxglove_replay import Ask
+from service.sinks.metrics import Metrics
 from service.sinks.pictures import Pictures
-from service.sinks.publisher import Publisher
-from service.sinks.recorder import RECORDER, Recorder, recorder_of
+from service.sinks.publisher import PUBLISHER, Publisher
+from service.sinks.recorder import Recorder, order_of
+from service.sinks.ros import ros_sink
 from service.sinks.sink import Sink
 from service.sinks.summaries import Summaries
+from service.wire.asking import Asking
+from service.wire.links import Links
 from service.wire.session import open_session
 
 FUSED_FILE = "fused.mcap"
 
-_HANDOVER, _HANDOVER_TOLD = 30.0, 2.5
-"""Seconds that the sinks get at the end for what waits: after a whole run, and when told to stop."""
+_HANDOVER, _HANDOVER_TOLD, _HANDOVER_ABANDONED = 30.0, 2.2, 1.5
+"""Seconds that the sinks get at the end for what waits: after a whole run, when told to stop, and where a
+device does not let go."""
+
+_log = logging.getLogger(__name__)
+
+_REPLAY_TIMEOUT = 2.0
+"""Seconds that a viewer's playback control may take."""
 
 SinkMakers = Mapping[str, Callable[[], Sink]]
 
@@ -40,6 +59,7 @@ def run_service(
     sinks: SinkMakers | None = None,
     executor: LocalExecutor | None = None,
     started: Callable[[Daemon], None] = lambda _: None,
+    abandoned: Callable[[Sequence[str]], None] | None = None,
 ) -> RunSummary:
     """Run the service until it is over, and hand everything over.
 
@@ -51,11 +71,13 @@ def run_service(
         sinks: more that take the events, by name.
         executor: fuses; None = one of its own, which is closed in the end.
         started: called with the daemon before it runs, so that it can be stopped.
+        abandoned: ends the process; called with what was lost, in another thread, where a device does not let
+            go though the service was told to stop. None = it is waited for.
 
     Raises:
         ConfigurationError: a sink that cannot be used.
         SessionError: no Zenoh session.
-        OutputError: the output directory cannot be made.
+        OutputError: the output directory cannot be made, or the port for metrics is taken.
         DriverError, ServiceError: as `Daemon.run`; nothing is left in `output` then.
         KeyboardInterrupt: one pass was told to stop before its first map; the same.
     """
@@ -65,26 +87,53 @@ def run_service(
     with ExitStack() as stack:
         if executor is None:
             executor = stack.enter_context(LocalExecutor.configured(configuration))
-        session = stack.enter_context(open_session(file=configuration.zenoh.config))
+        session = stack.enter_context(open_session(file=configuration.zenoh.config, lossless=once))
         if output is not None:
             stack.enter_context(made_directory(output))
         bus = stack.enter_context(Bus(lossless=once))
         daemon = Daemon(configuration, rig, bus, executor, once=once)
         bus.add("summaries", lambda: Summaries(summaries))
-        bus.add("publisher", lambda: Publisher(session, configuration.zenoh.prefix, lossless=once))
-        if configuration.recording.enabled:
-            bus.add(RECORDER, lambda: recorder_of(configuration.recording), must_open=False)
+        daemon.lookouts.append(Network(Links(session, configuration.zenoh.config), daemon.states).look)
+        bus.add(PUBLISHER, lambda: _publisher(configuration, session, once))
+        begin_recorder(bus, configuration.recording, order_of(configuration.recording).wish)
+        if configuration.metrics.enabled:
+            bus.add("metrics", lambda: Metrics(Metrics.Options(port=configuration.metrics.port)))
+        if configuration.ros2.enabled:
+            bus.add("ros2", ros_sink(configuration.ros2, configuration.zenoh.config))
+        if configuration.foxglove.enabled:
+            bus.add("foxglove", lambda: Foxglove(configuration.foxglove, _replaying(configuration, session)))
         for name, make in (*_outputs(configuration, output, once).items(), *makers.items()):
             bus.add(name, make)
         stack.enter_context(commanded(daemon, session))
         started(daemon)
-        daemon.run()
+
+        def hand_over() -> None:
+            assert abandoned is not None
+            _log.error("a device does not let go: the service ends without it")
+            bus.close(_HANDOVER_ABANDONED, hurry=True)
+            executor.close()
+            abandoned(_lost(daemon, bus))
+
+        with nullcontext() if abandoned is None else last_resort(daemon.stop, hand_over):
+            daemon.run()
         if once and daemon.stop.is_set() and daemon.ledger.fused == 0:
             raise KeyboardInterrupt  # there is nothing to hand over
-        publisher = bus.sink("publisher")
-        bus.close(_HANDOVER_TOLD if daemon.stop.is_set() else _HANDOVER)
+        publisher = bus.sink(PUBLISHER)
+        told = daemon.stop.is_set()
+        bus.close(_HANDOVER_TOLD if told else _HANDOVER, hurry=told)
         published = publisher.published if isinstance(publisher, Publisher) else 0
         return _summary(daemon, bus, summaries, published, time.monotonic() - began)
+
+
+def _replaying(configuration: Configuration, session: zenoh.Session) -> Ask:
+    """What has `cmd/replay` do something, as everybody else does."""
+    asking = Asking(session, configuration.zenoh.prefix, "this service")
+    return lambda request: asking.ask("cmd/replay", _REPLAY_TIMEOUT, request)
+
+
+def _publisher(configuration: Configuration, session: zenoh.Session, once: bool) -> Publisher:
+    section = configuration.zenoh
+    return Publisher(session, section.prefix, lossless=once, raw_rate=section.raw_rate)
 
 
 def _outputs(configuration: Configuration, output: Path | None, once: bool) -> dict[str, Callable[[], Sink]]:
@@ -95,7 +144,8 @@ def _outputs(configuration: Configuration, output: Path | None, once: bool) -> d
     budget = None if once else section.budget
     made: dict[str, Callable[[], Sink]] = {
         "fused file": lambda: Recorder(
-            FileSeries(output / FUSED_FILE, section.rotate_size, budget), replays=True
+            FileSeries(output / FUSED_FILE, section.rotate_size, budget),
+            extras=Extras(section.points, section.depth_mm),
         )
     }
     if section.preview:

@@ -8,6 +8,7 @@ from service.config.sections import Configuration
 from service.doctor.check import Check
 from service.doctor.host import check_clock, check_disk, check_zenoh
 from service.doctor.kernels import check_kernels
+from service.doctor.ros2 import check_ros2
 from service.doctor.serial_ports import check_serial
 from service.doctor.usb import check_udev, check_usb, check_vendor_library, udev_rules
 
@@ -19,6 +20,7 @@ CHECKS: tuple[Callable[[Configuration], Iterator[Check]], ...] = (
     check_vendor_library,
     check_serial,
     check_zenoh,
+    check_ros2,
     check_kernels,
     check_disk,
     check_clock,

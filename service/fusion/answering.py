@@ -9,15 +9,20 @@ import numpy as np
 from drivers.calibration import Calibration, Intrinsics
 from drivers.frame import Frame
 from service.fusion.fuse import fuse_burst
-from service.fusion.job import Answer, BurstJob, Compiling, Failure, FrameJob, Job, Ready, WarmUp
+from service.fusion.job import Answer, BurstJob, Compiling, Failure, FrameJob, Iterating, Job, Ready, WarmUp
 from service.fusion.streams import Stream
 from service.messages.burst import Burst
 from service.processes.worker import tell
 from solver.errors import FusionError
+from solver.result import Progress
+
+_BETWEEN_WORDS = 0.2
+"""Seconds between two words on how far the solver is."""
 
 
 def answering() -> Callable[[Job | WarmUp], Answer]:
     """What answers each request in turn; it remembers the stream at work."""
+    _forgo_blas()
     streams: dict[int, Stream] = {}
 
     def answer(request: Job | WarmUp) -> Answer:
@@ -25,7 +30,7 @@ def answering() -> Callable[[Job | WarmUp], Answer]:
             if isinstance(request, WarmUp):
                 return _warm_up(request)
             if isinstance(request, BurstJob):
-                return fuse_burst(request.burst, request.settings)
+                return fuse_burst(request.burst, request.settings, _iterations_told())
             return _stream(streams, request).push(request)
         except FusionError as error:
             return Failure(str(error))
@@ -33,6 +38,33 @@ def answering() -> Callable[[Job | WarmUp], Answer]:
             return Failure(f"internal error, {type(error).__name__}: {error}")
 
     return answer
+
+
+def _forgo_blas() -> None:
+    """Spare Numba a third of a second, in which it would import SciPy for products of matrices in kernels.
+
+    No kernel has one; where one did, compiling it would fail here.
+    """
+    from numba.np import linalg
+
+    def absent() -> None:
+        raise ImportError("not used here")
+
+    linalg.ensure_blas = absent
+
+
+def _iterations_told() -> Progress:
+    """Tells how far the solver is, some times a second."""
+    told = time.monotonic()
+
+    def progress(iteration: int, objective: float, gap: float | None) -> None:
+        nonlocal told
+        now = time.monotonic()
+        if now - told >= _BETWEEN_WORDS:
+            told = now
+            tell(Iterating(iteration, objective, gap))
+
+    return progress
 
 
 def _stream(streams: dict[int, Stream], job: FrameJob) -> Stream:

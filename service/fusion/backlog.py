@@ -7,7 +7,7 @@ from threading import Condition
 
 from service.errors import UnavailableError
 from service.fusion.executor import Executor
-from service.fusion.job import BurstJob, FrameJob, Job
+from service.fusion.job import BurstJob, FrameJob, Iterating, Job
 from service.messages.map import FusedMap
 
 Done = Callable[[FusedMap | Exception], None]
@@ -20,20 +20,23 @@ class Backlog:
 
     Args:
         executor: does them.
-        on_fused: called with every map, in a thread of the executor's.
+        on_fused: called with every job that was done and its map, in a thread of the executor's.
         on_failed: called there with a job that could not be done, and why.
+        on_iterating: called there now and then with a job at work, and how far the solver is.
         lossless: wait for room instead of dropping.
     """
 
     def __init__(
         self,
         executor: Executor,
-        on_fused: Callable[[FusedMap], None],
+        on_fused: Callable[[Job, FusedMap], None],
         on_failed: Callable[[Job, Exception], None],
+        on_iterating: Callable[[Job, Iterating], None] = lambda *_: None,
         *,
         lossless: bool,
     ) -> None:
         self._executor, self._on_fused, self._on_failed = executor, on_fused, on_failed
+        self._on_iterating = on_iterating
         self._lossless = lossless
         self._unfinished: dict[Future[FusedMap], tuple[Job, Done | None]] = {}
         self._changed = Condition()
@@ -61,7 +64,7 @@ class Backlog:
                 self._changed.wait(0.2)
         while self.waiting >= room and self._drop_oldest():
             pass
-        future = self._executor.submit(job)
+        future = self._executor.submit(job, lambda so_far: self._on_iterating(job, so_far))
         with self._changed:
             self._unfinished[future] = job, done
         future.add_done_callback(self._finish)
@@ -117,7 +120,7 @@ class Backlog:
             done(error)
         else:
             self.fused += 1
-            self._on_fused(result)
+            self._on_fused(job, result)
             done(result)
 
 

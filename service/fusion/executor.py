@@ -1,9 +1,10 @@
 """Who turns jobs into maps."""
 
+from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Protocol
 
-from service.fusion.job import Job
+from service.fusion.job import Iterating, Job
 from service.messages.map import FusedMap
 from service.messages.status import FusionState
 
@@ -13,9 +14,12 @@ class Executor(Protocol):
 
     A job's future raises `FusionError` where the frames cannot be fused, and `WorkerError` where whoever
     fuses them failed over it more often than a restart can mend. One that has not begun can be cancelled.
+    Whoever can tell how far the solver is calls `iterating` now and then.
     """
 
-    def submit(self, job: Job) -> "Future[FusedMap]": ...
+    def submit(
+        self, job: Job, iterating: Callable[[Iterating], None] = lambda _: None
+    ) -> "Future[FusedMap]": ...
 
     @property
     def state(self) -> FusionState: ...

@@ -12,6 +12,7 @@ from drivers.calibration import Calibration
 from drivers.frame import Frame
 from drivers.poses import relative_rotations
 from service.config.sections import FusionSection
+from service.fusion.motion import found_motion
 from service.messages.burst import Burst
 from service.messages.map import FusedMap
 from service.messages.report import BurstReport, Phases
@@ -62,6 +63,7 @@ def fuse_burst(burst: Burst, settings: FusionSection, progress: Progress | None 
         calibration=calibration,
         upsampling=settings.upsampling,
         seconds=time.perf_counter() - began,
+        registered=settings.register_poses,
     )
 
 
@@ -77,6 +79,7 @@ def map_of(
     seconds: float,
     missing: int = 0,
     notes: tuple[str, ...] = (),
+    registered: bool = False,
 ) -> FusedMap:
     """What the solver gives, with its depth and its report.
 
@@ -89,12 +92,16 @@ def map_of(
         seconds: from the frames to the map.
         missing: frames that the plan has, but the burst has not.
         notes: what else is to be said.
+        registered: whether its rotations were found in the frames, and are not what the stage says.
     """
     lens = calibration.distortion or None
     intrinsics = fused_intrinsics(calibration.intrinsics.matrix, upsampling)
     depth = depth_from_distance(fused.distance, intrinsics, lens)
     known = np.isfinite(fused.distance)
     spread, turns = fused.deviation[known], fused.rotations
+    motion = None
+    if registered and turns is not None:
+        motion = found_motion(turns[list(used)], [frames[k] for k in used], calibration)
     report = BurstReport(
         burst=number,
         timestamp=reference.timestamp,
@@ -119,13 +126,22 @@ def map_of(
         contradicted=fused.report.contradicted,
         shifts=tuple((float(dy), float(dx)) for dy, dx in fused.shifts),
         rotations=None if turns is None else tuple((float(x), float(y), float(z)) for x, y, z in turns),
+        motion=motion,
         seconds=Phases(
             registration=fused.report.seconds.registration, solve=fused.report.seconds.solve, total=seconds
         ),
         notes=notes,
     )
     return FusedMap(
-        reference, calibration, fused.distance, depth, fused.deviation, fused.amplitude, intrinsics, report
+        frame=reference,
+        calibration=calibration,
+        distance=fused.distance,
+        depth=depth,
+        deviation=fused.deviation,
+        amplitude=fused.amplitude,
+        reason=fused.reason,
+        intrinsics=intrinsics,
+        report=report,
     )
 
 
@@ -137,13 +153,22 @@ def footprint_of(calibration: Calibration) -> Footprint:
 
 def stack(
     frames: Sequence[Frame], calibration: Calibration
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
     """Corrected distances in metres, NaN where there is none, and linear amplitudes; (N, H, W) float32."""
     pairs = [corrected(frame, calibration) for frame in frames]
-    return np.stack([distance for distance, _ in pairs]), np.stack([amplitude for _, amplitude in pairs])
+    amplitudes = [amplitude for _, amplitude in pairs if amplitude is not None]
+    return np.stack([distance for distance, _ in pairs]), np.stack(amplitudes) if amplitudes else None
 
 
-def corrected(frame: Frame, calibration: Calibration) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Corrected distance in metres, NaN where there is none, and linear amplitude; (H, W) float32."""
+def corrected(
+    frame: Frame, calibration: Calibration
+) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    """Corrected distance in metres, NaN where there is none, and linear amplitude; (H, W) float32.
+
+    None in its place where the camera gives no amplitude.
+    """
+    distance = calibration.correct(frame.distance, frame.ambiguity_range)
+    if frame.signal is None:
+        return distance, None
     # Where gray mode hides the amplitude there is no distance either: the sample is not used at all.
-    return calibration.correct(frame.distance, frame.ambiguity_range), np.nan_to_num(frame.signal, nan=0.0)
+    return distance, np.nan_to_num(frame.signal, nan=0.0)

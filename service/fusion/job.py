@@ -25,7 +25,7 @@ class BurstJob:
 
     @property
     def completed(self) -> float:
-        """When the last frame had come, `time.monotonic()`."""
+        """When the last exposure had ended, `time.monotonic()`."""
         return self.burst.completed
 
 
@@ -40,7 +40,7 @@ class FrameJob:
         window: frames that are fused together.
         stream: which stream; another number begins one anew.
         number: of the frame in its stream, from 0.
-        completed: when it had come, `time.monotonic()`.
+        completed: when its exposure had ended, `time.monotonic()`.
     """
 
     frame: Frame
@@ -75,6 +75,15 @@ class Compiling:
     """How many kernels were compiled so far, none of which lay on the disk."""
 
     kernels: int
+
+
+@dataclass(frozen=True, slots=True)
+class Iterating:
+    """How far the solver is with the job at work; `gap` is None for methods without one."""
+
+    iteration: int
+    objective: float
+    gap: float | None
 
 
 @dataclass(frozen=True, slots=True)

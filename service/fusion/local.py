@@ -3,6 +3,7 @@
 import logging
 import time
 from collections import deque
+from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
 from threading import Condition, Thread
@@ -11,7 +12,8 @@ from typing import Self
 from service.config.sections import Configuration, FusionSection
 from service.errors import HungError, WorkerError
 from service.fusion.deadline import Deadline
-from service.fusion.job import Answer, Compiling, Failure, Job, Ready, WarmUp
+from service.fusion.job import Answer, Compiling, Failure, Iterating, Job, Ready, WarmUp
+from service.fusion.process import fusion_process
 from service.messages.map import FusedMap
 from service.messages.status import FusionState
 from service.processes.worker import Worker
@@ -26,6 +28,9 @@ _BETWEEN_WORDS = 3.0
 _STARTS = 3
 """Starts in a row that may fail before the executor is given up."""
 
+Listener = Callable[[Iterating], None]
+"""Told how far the solver is."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -37,15 +42,17 @@ class LocalExecutor:
     Args:
         settings: what to be ready for; `timeout` bounds each job.
         window: of the stream to be ready for; None = bursts only.
+        worker: the process, which may have been started already.
     """
 
-    def __init__(self, settings: FusionSection, window: int | None = None) -> None:
+    def __init__(
+        self, settings: FusionSection, window: int | None = None, worker: Worker | None = None
+    ) -> None:
         self._settings, self._window = settings, window
-        self._worker = Worker(
-            "fusion process", "service.fusion.answering:answering", cancelled=lambda: self._closing
-        )
+        self._worker = fusion_process() if worker is None else worker
+        self._worker.cancelled = lambda: self._closing
         self._deadline = Deadline()
-        self._jobs: deque[tuple[Job, Future[FusedMap]]] = deque()
+        self._jobs: deque[tuple[Job, Future[FusedMap], Listener]] = deque()
         self._changed = Condition()
         self._restarts = self._hung = 0
         self._error: str | None = None
@@ -59,10 +66,10 @@ class LocalExecutor:
         self._thread.start()
 
     @classmethod
-    def configured(cls, configuration: Configuration) -> Self:
+    def configured(cls, configuration: Configuration, worker: Worker | None = None) -> Self:
         """One that is ready for what the service does first."""
         window = configuration.stream.window if configuration.start == "stream" else None
-        return cls(configuration.fusion, window)
+        return cls(configuration.fusion, window, worker)
 
     def __enter__(self) -> Self:
         return self
@@ -70,18 +77,18 @@ class LocalExecutor:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def submit(self, job: Job) -> "Future[FusedMap]":
-        """Queue a job."""
+    def submit(self, job: Job, iterating: Listener = lambda _: None) -> "Future[FusedMap]":
+        """Queue a job; `iterating` is called in this executor's thread."""
         future: Future[FusedMap] = Future()
         with self._changed:
             waiting = [item for item in self._jobs if not item[1].cancelled()]
-            self._jobs = deque([*waiting, (job, future)])
+            self._jobs = deque([*waiting, (job, future, iterating)])
             self._changed.notify_all()
         return future
 
     @property
     def state(self) -> FusionState:
-        waiting = sum(not future.cancelled() for _, future in list(self._jobs))
+        waiting = sum(not future.cancelled() for _, future, _ in list(self._jobs))
         return FusionState(backlog=waiting, restarts=self._restarts, hung=self._hung, error=self._error)
 
     @property
@@ -94,8 +101,8 @@ class LocalExecutor:
             self._closing = True
             self._changed.notify_all()
         self._worker.kill()
-        self._thread.join(5.0)
-        for _, future in self._jobs:
+        self._thread.join(1.0)
+        for _, future, _ in self._jobs:
             future.cancel()
 
     def _run(self) -> None:
@@ -106,38 +113,38 @@ class LocalExecutor:
             fatal = error
             self.ready.set_exception(error)
         while (item := self._next()) is not None:
-            job, future = item
+            job, future, iterating = item
             if future.set_running_or_notify_cancel():
                 try:
-                    future.set_result(self._done(job, fatal))
+                    future.set_result(self._done(job, iterating, fatal))
                 except Exception as error:
                     future.set_exception(error)
         self._worker.kill()
 
-    def _next(self) -> "tuple[Job, Future[FusedMap]] | None":
+    def _next(self) -> "tuple[Job, Future[FusedMap], Listener] | None":
         with self._changed:
             self._changed.wait_for(lambda: self._closing or bool(self._jobs))
             return None if self._closing else self._jobs.popleft()
 
-    def _done(self, job: Job, fatal: Exception | None) -> FusedMap:
+    def _done(self, job: Job, iterating: Listener, fatal: Exception | None) -> FusedMap:
         """A job's map; tried once more where the process died or hung over it."""
         if fatal is not None:
             raise fatal
         if self._worker.pid is None:
             self._start()
         try:
-            return self._asked(job, self._deadline.of(job))
+            return self._asked(job, iterating, self._deadline.of(job))
         except WorkerError as error:
             self._renew(job, error)
         try:
-            return self._asked(job, job.settings.timeout)
+            return self._asked(job, iterating, job.settings.timeout)
         except WorkerError as error:
             self._renew(job, error)
             raise
 
-    def _asked(self, job: Job, timeout: float) -> FusedMap:
+    def _asked(self, job: Job, iterating: Listener, timeout: float) -> FusedMap:
         began = time.monotonic()
-        answer: Answer = self._worker.ask(job, timeout)
+        answer: Answer = self._worker.ask(job, timeout, iterating, renewed=False)
         if isinstance(answer, Failure):
             raise FusionError(answer.reason)
         assert isinstance(answer, FusedMap)
@@ -167,7 +174,8 @@ class LocalExecutor:
         """Start the process and have it ready; raises `WorkerError` where that cannot be done."""
         for attempt in range(1, _STARTS + 1):
             try:
-                self._worker.start()
+                if not self._worker.is_fresh:
+                    self._worker.start()
                 request = WarmUp(self._settings, self._window)
                 answer: Answer = self._worker.ask(request, _START_TIMEOUT, self._compiling)
             except WorkerError as error:

@@ -73,4 +73,5 @@ class Stream:
             upsampling=self._settings.upsampling,
             seconds=time.perf_counter() - began,
             notes=notes,
+            registered=self._settings.register_poses,
         )

@@ -12,7 +12,13 @@ from drivers.messages import decode_calibration, decode_image
 from drivers.recording import Recording, open_recording
 from service.files import whole_file
 from service.jobs.ply import write_ply
-from service.messages.topics import FUSED_AMPLITUDE, FUSED_CALIBRATION, FUSED_DEPTH, FUSED_DEVIATION
+from service.messages.topics import (
+    FUSED_AMPLITUDE,
+    FUSED_CALIBRATION,
+    FUSED_DEPTH,
+    FUSED_DEVIATION,
+    FUSED_REASON,
+)
 from solver.geometry import distance_from_depth, points_from_distance
 
 Arrays = dict[str, NDArray[Any]]
@@ -20,17 +26,32 @@ Arrays = dict[str, NDArray[Any]]
 _MOST_TERMS = 14
 """Of OpenCV's distortion."""
 
-_MAP_TOPICS = {FUSED_DEPTH: "depth", FUSED_DEVIATION: "deviation", FUSED_AMPLITUDE: "amplitude"}
+_NUMBERS = (
+    "pan",
+    "tilt",
+    "integration_time",
+    "modulation_frequency",
+    "ambiguity_range",
+    "metres_per_count",
+)
+
+_MAP_TOPICS = {
+    FUSED_DEPTH: "depth",
+    FUSED_DEVIATION: "deviation",
+    FUSED_AMPLITUDE: "amplitude",
+    FUSED_REASON: "reason",
+}
 
 
 def frame_arrays(recording: Recording) -> Arrays:
     """Every frame, stacked.
 
     Returns:
-        counts, amplitude (N, H, W) uint16; distance (N, H, W) float32 metres, NaN where there is none, as
-        delivered; timestamp (ns), sequence, burst and pose (−1 = not said), pan and tilt (radians),
-        integration_time (seconds, NaN = not known), modulation_frequency (Hz), ambiguity_range (metres),
-        and burst_index, the number of the burst in the recording (two may have one id), each (N,).
+        counts (N, H, W) uint16, or float32 metres; amplitude (N, H, W) uint16 where all frames have one;
+        distance (N, H, W) float32 metres, NaN where there is none, as delivered; timestamp (ns), sequence,
+        burst and pose (−1 = not said), pan and tilt (radians), integration_time (seconds),
+        modulation_frequency (Hz), ambiguity_range (metres), metres_per_count, NaN = not known or none, and
+        burst_index, the number of the burst in the recording (two may have one id), each (N,).
 
     Raises:
         RecordingError: the frames have several sizes.
@@ -38,16 +59,16 @@ def frame_arrays(recording: Recording) -> Arrays:
     if len({entry.shape for entry in recording.entries}) > 1:
         raise RecordingError(f"{recording.path}: its frames have several sizes; export them as .ply")
     frames, bursts = list(recording.frames()), recording.cut(None)
-    said: Arrays = {
-        name: np.stack([getattr(frame, name) for frame in frames])
-        for name in ("counts", "amplitude", "distance")
-    }
+    images = ["counts", "distance"]
+    if all(frame.has_amplitude for frame in frames):
+        images.append("amplitude")
+    said: Arrays = {name: np.stack([getattr(frame, name) for frame in frames]) for name in images}
     for name in ("timestamp", "sequence"):
         said[name] = np.array([getattr(frame, name) for frame in frames], dtype=np.int64)
     for name in ("burst", "pose"):
         values = [getattr(frame, name) for frame in frames]
         said[name] = np.array([-1 if value is None else value for value in values], dtype=np.int64)
-    for name in ("pan", "tilt", "integration_time", "modulation_frequency", "ambiguity_range"):
+    for name in _NUMBERS:
         values = [getattr(frame, name) for frame in frames]
         said[name] = np.array([np.nan if value is None else value for value in values])
     said["burst_index"] = np.repeat(np.arange(len(bursts)), [len(burst) for burst in bursts])
@@ -58,7 +79,8 @@ def fused_maps(recording: Recording) -> list[Arrays]:
     """Every fused map.
 
     Returns:
-        for each, depth and, where they were recorded, deviation (metres) and amplitude, (βH, βW) float32;
+        for each, depth and, where they were recorded, deviation (metres) and amplitude, (βH, βW) float32,
+        and reason, uint8 (0 measured, 1 filled; unknown: 2 dark, 3 saturated, 4 contradicted, 5 outside);
         timestamp (ns, of the reference frame); intrinsics (3, 3) and distortion where there is a calibration.
     """
     found: dict[tuple[int, int], Arrays] = {}
@@ -88,8 +110,8 @@ def export_arrays(recording: Recording, path: Path) -> str:
 
     Frames as `frame_arrays` has them, with `intrinsics` and `distortion` where there is a calibration, or
     `burst_intrinsics` (B, 3, 3) and `burst_distortion` (B, 14) where bursts have different ones; fused maps
-    of one size stacked as `fused_depth`, `fused_deviation`, `fused_amplitude`, `fused_timestamp`, with
-    `fused_intrinsics` and `fused_distortion` of the first.
+    of one size stacked as `fused_depth`, `fused_deviation`, `fused_amplitude`, `fused_reason` and
+    `fused_timestamp`, with `fused_intrinsics` and `fused_distortion` of the first.
 
     Raises:
         RecordingError: there are neither frames nor maps, or either come in several sizes.
@@ -116,8 +138,8 @@ def clouds(recording: Recording) -> Iterator[NDArray[Any]]:
     """Points of each fused map, or of each frame where there is no map.
 
     Yields:
-        (M,) structured float32: x, y, z (metres; right, down, forward), amplitude, and of maps the deviation;
-        points that are not known are left out.
+        (M,) structured float32: x, y, z (metres; right, down, forward), amplitude, and of maps deviation and
+        reason; points that are not known are left out.
 
     Raises:
         RecordingError: there is no calibration, or nothing to make points of.
@@ -131,7 +153,8 @@ def clouds(recording: Recording) -> Iterator[NDArray[Any]]:
         known = whole.calibration_of(frame)
         distance = known.correct(frame.distance, frame.ambiguity_range)
         xyz = points_from_distance(distance, known.intrinsics.matrix, known.distortion or None)
-        yield _points(xyz, {"amplitude": frame.amplitude.astype(np.float32)})
+        light = {} if frame.amplitude is None else {"amplitude": frame.amplitude.astype(np.float32)}
+        yield _points(xyz, light)
 
 
 def export_cloud(points: NDArray[Any], path: Path) -> str:
@@ -147,7 +170,7 @@ def _map_points(found: Arrays, recording: Recording) -> NDArray[Any]:
     lens = found["distortion"] if found["distortion"].any() else None
     distance = distance_from_depth(found["depth"], found["intrinsics"], lens)
     xyz = points_from_distance(distance, found["intrinsics"], lens)
-    return _points(xyz, {name: found[name] for name in ("amplitude", "deviation") if name in found})
+    return _points(xyz, {name: found[name] for name in ("amplitude", "deviation", "reason") if name in found})
 
 
 def _points(xyz: NDArray[np.float32], more: Arrays) -> NDArray[Any]:

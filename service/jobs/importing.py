@@ -20,10 +20,10 @@ class ImportSummary(BaseModel):
     bursts: int
     shape: tuple[int, int] = Field(description="Rows and columns.")
     camera: str
-    modulation_frequency: float = Field(description="Hz.")
-    ambiguity_range: float = Field(description="Metres.")
+    modulation_frequency: float | None = Field(description="Hz; null = none, or not known.")
+    ambiguity_range: float | None = Field(description="Metres; null = none, or not known.")
     integration_time: float | None = Field(description="Seconds per phase sample; null = not known.")
-    amplitude_mode: AmplitudeMode
+    amplitude_mode: AmplitudeMode | None = Field(description="Null = the camera gives no amplitude.")
     optics: str = Field(description="Where the optics come from.")
     optics_residual: float | None = Field(
         description="Pixels, root mean square, of optics that were fitted to the files; null = not fitted."
@@ -36,15 +36,21 @@ class ImportSummary(BaseModel):
 
     def __str__(self) -> str:
         time = "not known" if self.integration_time is None else f"{self.integration_time * 1e3:g} ms"
-        carrier = f"{self.modulation_frequency / 1e6:g} MHz (range {self.ambiguity_range:.3f} m)"
         return (
             f"{self.recording}: {self.frames} frames of {self.shape[1]} × {self.shape[0]} pixels in "
             f"{self.bursts} burst{'' if self.bursts == 1 else 's'}, {self.size / 1e6:.2f} MB\n"
-            f"{self.camera} at {carrier}, integration time {time}, amplitude {self.amplitude_mode}, "
+            f"{self.camera}{self._carrier}, integration time {time}, amplitude "
+            f"{self.amplitude_mode or 'not there'}, "
             f"{self.rejected:.1%} of pixels rejected\n"
             f"focal length {' × '.join(f'{f:.1f}' for f in dict.fromkeys(self.focal_length))} pixels, "
             f"centre {self.centre[0]:.1f}, {self.centre[1]:.1f} ({self.optics})"
         )
+
+    @property
+    def _carrier(self) -> str:
+        if self.modulation_frequency is None or self.ambiguity_range is None:
+            return ""
+        return f" at {self.modulation_frequency / 1e6:g} MHz (range {self.ambiguity_range:.3f} m)"
 
 
 def record_import(
@@ -71,7 +77,7 @@ def record_import(
             if last is None:
                 writer.write_calibration(found.calibration, frame.timestamp)
             writer.write_frame(frame, found.calibration.mount)
-            rejected += float((frame.counts == 0).mean())
+            rejected += float(1 - (frame.counts > 0).mean())
             last = frame
             advance()
         if last is None:
@@ -87,7 +93,7 @@ def record_import(
         modulation_frequency=last.modulation_frequency,
         ambiguity_range=last.ambiguity_range,
         integration_time=last.integration_time,
-        amplitude_mode=last.amplitude_mode,
+        amplitude_mode=last.amplitude_mode if last.has_amplitude else None,
         optics=found.calibration.source,
         optics_residual=found.optics_residual,
         focal_length=(optics.fx, optics.fy),

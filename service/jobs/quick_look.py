@@ -45,14 +45,15 @@ def draw_frames(path: Path, frames: list[Frame]) -> None:
     first = frames[0]
     figure = Figure(figsize=(16, 5), layout="constrained")
     FigureCanvasAgg(figure)
-    panels = [
-        ("distance, m", first.distance, "viridis"),
-        ("amplitude, counts", first.amplitude.astype(np.float32), "gray"),
-    ]
+    panels = [("distance, m", first.distance, "viridis")]
+    if first.amplitude is not None:
+        panels.append(("amplitude, counts", first.amplitude.astype(np.float32), "gray"))
     if len(frames) > 1:
         deviations = reduce_still(frames).deviations
         panels.append(("noise over time, mm", 1e3 * np.sqrt(np.mean(deviations**2, axis=0)), "magma"))
-    for axes, (title, image, colours) in zip(figure.subplots(1, len(panels)), panels, strict=True):
+    for axes, (title, image, colours) in zip(
+        figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True
+    ):
         known = image[np.isfinite(image)]
         low, high = np.percentile(known, (1, 99)) if known.size else (0.0, 1.0)
         shown = axes.imshow(image, cmap=colours, vmin=low, vmax=max(high, low + 1e-6))

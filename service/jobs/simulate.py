@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import tomli_w
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.backends import make_camera, make_stage
@@ -85,7 +86,7 @@ def record_simulation(
     upsampling = configuration.fusion.upsampling
     with stage, camera:
         if configuration.camera.settings is not None:
-            camera.settings = configuration.camera.settings
+            camera.settings = configuration.camera.settings.over(camera.settings)
         calibration = camera.calibration
         plan = make_plan(
             configuration.plan,
@@ -171,13 +172,19 @@ def _thumbnail(frame: Frame, truth: Truth) -> bytes:
     import cv2
 
     height, width = frame.shape
-    light = np.sqrt(frame.amplitude / max(1.0, float(np.percentile(frame.amplitude, 99))))
+    amplitude = _amplitude(frame)
+    light = np.sqrt(amplitude / max(1.0, float(np.percentile(amplitude, 99))))
     grey = cv2.cvtColor((255 * np.clip(light, 0, 1)).astype(np.uint8), cv2.COLOR_GRAY2BGR)
     near, far = np.nanpercentile(truth.distance, (1, 99))
     share = np.nan_to_num((far - truth.distance) / max(1e-6, far - near), nan=0.0)
     coloured = cv2.applyColorMap((255 * np.clip(share, 0, 1)).astype(np.uint8), cv2.COLORMAP_TURBO)
     small = cv2.resize(coloured, (width, height), interpolation=cv2.INTER_NEAREST)
     return cv2.imencode(".png", np.vstack([grey, small]))[1].tobytes()
+
+
+def _amplitude(frame: Frame) -> NDArray[np.uint16]:
+    assert frame.amplitude is not None, "a simulated camera gives one"
+    return frame.amplitude
 
 
 def _summary(path: Path, scene: str, bursts: int, frames: list[Frame], truth: Truth) -> SimulationSummary:
@@ -191,7 +198,7 @@ def _summary(path: Path, scene: str, bursts: int, frames: list[Frame], truth: Tr
         size=path.stat().st_size,
         nearest=float(np.nanmin(truth.distance)),
         farthest=float(np.nanmax(truth.distance)),
-        median_amplitude=float(np.median(frames[0].amplitude)),
+        median_amplitude=float(np.median(_amplitude(frames[0]))),
         rejected=float(np.mean(~frames[0].valid)),
         pan=(float(pans.min()), float(pans.max())),
         tilt=(float(tilts.min()), float(tilts.max())),

@@ -3,6 +3,8 @@
 import time
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from drivers.calibration import Calibration
 from drivers.errors import RecordingError
 from drivers.frame import Frame
@@ -17,10 +19,12 @@ class Burst:
         frames: at least one, all of the calibration's shape.
         calibration: of the camera that took them.
         expected: how many frames the plan has; more than `len(frames)` where some are missing.
-        completed: when the last frame had come, `time.monotonic()` of this process.
+        completed: when the last exposure had ended or, where that is not known, the last frame had come;
+            `time.monotonic()` of this process.
 
     Raises:
-        RecordingError: no frame, frames of another shape than the calibration's, or of different ranges.
+        RecordingError: no frame, frames of another shape than the calibration's, of different ranges, or of
+            which only some have an amplitude.
     """
 
     id: int
@@ -36,8 +40,12 @@ class Burst:
             check_frame(frame, self.calibration)
             if frame.ambiguity_range != self.frames[0].ambiguity_range:
                 raise RecordingError(
-                    f"burst {self.id} mixes ambiguity ranges of {self.frames[0].ambiguity_range:g} m and "
-                    f"{frame.ambiguity_range:g} m; expected one modulation frequency in a burst"
+                    f"burst {self.id} mixes ambiguity ranges of {_metres(self.frames[0].ambiguity_range)} "
+                    f"and {_metres(frame.ambiguity_range)}; expected one modulation frequency in a burst"
+                )
+            if frame.has_amplitude != self.frames[0].has_amplitude:
+                raise RecordingError(
+                    f"burst {self.id} mixes frames with amplitude and without; expected frames of one camera"
                 )
 
     @property
@@ -51,10 +59,16 @@ class Burst:
         return max(0, self.expected - len(self.frames))
 
 
+def _metres(reach: float | None) -> str:
+    return "none" if reach is None else f"{reach:g} m"
+
+
 def check_frame(frame: Frame, calibration: Calibration) -> None:
-    """Raise `RecordingError` where a frame is not of its calibration's size."""
+    """Raise `RecordingError` where a frame is not of its calibration's size, or cannot be corrected by it."""
     if frame.shape != calibration.shape:
         raise RecordingError(
             f"frame {frame.sequence} has {frame.shape[0]} × {frame.shape[1]} pixels; its calibration "
             f"is for {calibration.height} × {calibration.width}: use its own"
         )
+    if frame.ambiguity_range is None:
+        calibration.corrections.error(np.zeros(frame.shape), None)

@@ -14,7 +14,7 @@ from drivers.frame import Frame
 from drivers.recording import RecordingHead
 from service.messages.burst import Burst
 from service.messages.map import FusedMap
-from service.messages.progress import ScanProgress
+from service.messages.progress import ScanProgress, SolverProgress
 from service.messages.replay import ReplayState
 from service.messages.status import State, Status
 
@@ -114,6 +114,14 @@ class MapFused(Event):
     @property
     def size(self) -> int:
         return self.map.size
+
+
+@dataclass(frozen=True, eq=False)
+class SolverAdvanced(Event):
+    """The solver tells how far it is, some times a second."""
+
+    progress: SolverProgress
+    patient: ClassVar[bool] = False
 
 
 @dataclass(frozen=True, eq=False)

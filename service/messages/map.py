@@ -22,6 +22,7 @@ class FusedMap:
         depth: (βH, βW) float32, Z in metres.
         deviation: (βH, βW) float32, one standard deviation of the distance, metres.
         amplitude: (βH, βW) float32, counts per second of integration time, or None.
+        reason: (βH, βW) uint8, why a pixel has this distance or none; see `solver.reason`.
         intrinsics: (3, 3) camera matrix of the map, pixels; the distortion is the calibration's.
         report: how it went.
     """
@@ -32,11 +33,12 @@ class FusedMap:
     depth: NDArray[np.float32]
     deviation: NDArray[np.float32]
     amplitude: NDArray[np.float32] | None
+    reason: NDArray[np.uint8]
     intrinsics: NDArray[np.float64]
     report: BurstReport
 
     @property
     def size(self) -> int:
         """Bytes of its images."""
-        images = (self.distance, self.depth, self.deviation, self.amplitude)
+        images = (self.distance, self.depth, self.deviation, self.amplitude, self.reason)
         return sum(image.nbytes for image in images if image is not None)

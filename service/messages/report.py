@@ -13,6 +13,24 @@ class Phases(BaseModel):
     total: float = Field(ge=0, description="Seconds from the frames to the finished map.")
 
 
+class AxisGain(BaseModel):
+    """How far one axis turned, for what the stage says."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    gain: float = Field(description="1 = as the stage says, 0 = not at all, negative = the wrong way.")
+    deviation: float = Field(ge=0, description="One standard deviation of it.")
+
+
+class MotionFound(BaseModel):
+    """What the images say of the stage's motion; none for an axis that the plan does not turn far enough."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    pan: AxisGain | None = None
+    tilt: AxisGain | None = None
+
+
 class BurstReport(BaseModel):
     """How the fusion of one burst went."""
 
@@ -52,8 +70,13 @@ class BurstReport(BaseModel):
     rotations: tuple[tuple[float, float, float], ...] | None = Field(
         description="Rotation vector of each frame, radians, camera axes; none where displacements were used."
     )
+    motion: MotionFound | None = Field(
+        None, description="How far the images say that the stage turned; none where that cannot be judged."
+    )
     seconds: Phases
     notes: tuple[str, ...] = Field((), description="What else is to be said of it.")
     latency: float | None = Field(
-        None, description="Seconds from the arrival of the last frame to the map; none outside the service."
+        None,
+        description="Seconds from the end of the last exposure to the map, of a replay from the arrival of "
+        "the last frame; none outside the service.",
     )

@@ -89,6 +89,29 @@ class SinkState(_Part):
     error: str | None = Field(None, description="Why it does not run, or its last fault; none = none.")
 
 
+class Drift(_Part):
+    """How far the distance of what stands still is off that of the first map: cameras warm up."""
+
+    distance: float = Field(description="Metres, > 0 farther.")
+    deviation: float = Field(ge=0, description="One standard deviation of it, metres.")
+    static: float = Field(ge=0, le=1, description="Share of the pixels that stand still.")
+    seconds: float = Field(description="Since the first map.")
+
+
+class Subscriber(_Part):
+    """Somebody who says when messages are in hand."""
+
+    who: str = Field("", description="As the subscriber calls itself.")
+    topic: str = Field("", description="What it has subscribed to.")
+    latency: float = Field(
+        0.0,
+        ge=0,
+        description="Seconds from the end of the last exposure to its hands and back, median of the last 20.",
+    )
+    slowest: float = Field(0.0, ge=0, description="The most among these.")
+    seconds: float = Field(0.0, ge=0, description="Since the last one.")
+
+
 class CommandCounts(_Part):
     """What was asked of the service."""
 
@@ -112,7 +135,9 @@ class InForce(_Part):
     frames: int = Field(0, ge=0, description="Of a burst.")
     window: int = Field(0, ge=0, description="Frames of a stream that are fused together.")
     span: float = Field(0.0, ge=0, description="Width of the field of poses, low-resolution pixels.")
+    pause: float = Field(0.0, ge=0, description="Seconds between the end of a burst and the next.")
     integration_time: float = Field(0.0, ge=0, description="Seconds per phase sample.")
+    modulation_frequency: float = Field(0.0, ge=0, description="Of the camera's light, Hz; 0 = not said.")
 
 
 class Status(_Part):
@@ -136,10 +161,15 @@ class Status(_Part):
     drops: Drops = Drops()
     fusion: FusionState = FusionState()
     latency: float | None = Field(
-        None, description="Seconds from the last frame of the last burst to its map."
+        None, description="Seconds from the end of the last exposure of the last burst to its map."
+    )
+    temperature: float | None = Field(None, description="Of the camera, °C; none = it gives none.")
+    drift: Drift | None = Field(
+        None, description="Of the distance of what stands still; none = not known, or nothing stands still."
     )
     recorder: RecorderState | None = Field(None, description="What is recorded; none = no recorder.")
     sinks: tuple[SinkState, ...] = Field((), description="Who takes the events, and how that goes.")
+    subscribers: tuple[Subscriber, ...] = Field((), description="Those who send receipts.")
     commands: CommandCounts = CommandCounts()
     in_force: InForce = InForce()
     error: LastError | None = Field(

@@ -17,7 +17,10 @@ from drivers.messages import (
 FUSED_DEPTH = "fused/depth"
 FUSED_DEVIATION = "fused/deviation"
 FUSED_AMPLITUDE = "fused/amplitude"
+FUSED_REASON = "fused/reason"
 FUSED_CALIBRATION = "fused/calibration"
+FUSED_TRANSFORM = "fused/transform"
+FUSED_DEPTH_MM = "fused/depth_mm"
 FUSED_POINTS = "fused/points"
 FUSED_REPORT = "fused/report"
 SCAN_PROGRESS = "scan/progress"
@@ -26,14 +29,18 @@ STATUS = "status"
 LOG = "log"
 ALIVE = "alive"
 
+FUSED_FRAME_ID = "fused"
+"""The axes of the reference frame of the latest map: right, down, forward."""
+
 
 class Congestion(Enum):
     """What becomes of a message on a link that is full."""
 
     DROP = "drop"
     """It is lost for that subscriber: images, of which the next one is worth more."""
-    BLOCK = "block"
-    """The publisher waits: small messages that must arrive. A link stuck for 5 s is closed."""
+    AHEAD = "ahead"
+    """It goes ahead of all images, in a queue of its own of 1 MB for each subscriber, and is lost where even
+    that is full; whoever asks for history and recovery gets the last ones later. For small messages."""
     NONE = "–"
     """Not a publication."""
 
@@ -63,7 +70,7 @@ class Topic:
     unit: str = "–"
 
 
-_DROP, _BLOCK, _NONE = Congestion.DROP, Congestion.BLOCK, Congestion.NONE
+_DROP, _AHEAD, _NONE = Congestion.DROP, Congestion.AHEAD, Congestion.NONE
 
 _ROWS = (
     Topic(
@@ -73,7 +80,8 @@ _ROWS = (
         True,
         _DROP,
         False,
-        "16UC1, radial counts; metres = counts · ambiguity range (`camera/frame`) / 65536, 0 = rejected",
+        "16UC1, radial counts; metres = counts · `scale`, else ambiguity range / 65536 (`camera/frame`), "
+        "0 = rejected; or 32FC1, radial, metres",
         unit="counts",
     ),
     Topic(
@@ -83,7 +91,7 @@ _ROWS = (
         True,
         _DROP,
         False,
-        "mono16, amplitude, counts",
+        "mono16, amplitude, counts, where the camera gives one",
         unit="counts",
     ),
     Topic(
@@ -101,7 +109,7 @@ _ROWS = (
         "foxglove.CameraCalibration",
         "at start and each burst",
         True,
-        _BLOCK,
+        _AHEAD,
         True,
         "intrinsics of the camera's own images",
         unit="pixels",
@@ -147,23 +155,52 @@ _ROWS = (
         unit="counts/s",
     ),
     Topic(
+        FUSED_REASON,
+        "foxglove.RawImage",
+        "each fusion",
+        True,
+        _DROP,
+        True,
+        "8UC1: 0 measured, 1 filled; unknown: 2 dark, 3 saturated, 4 contradicted, 5 outside",
+    ),
+    Topic(
         FUSED_CALIBRATION,
         "foxglove.CameraCalibration",
         "each fusion",
         True,
-        _BLOCK,
+        _AHEAD,
         True,
         "intrinsics of the fused images",
         unit="pixels",
     ),
     Topic(
-        FUSED_POINTS,
-        "foxglove.PointCloud",
-        "each fusion, while somebody listens",
-        False,
+        FUSED_TRANSFORM,
+        "foxglove.FrameTransform",
+        "each fusion",
+        True,
+        _AHEAD,
+        True,
+        "`rig` to `fused`: where the reference frame looked, in whose axes the map lies",
+        unit="m",
+    ),
+    Topic(
+        FUSED_DEPTH_MM,
+        "foxglove.RawImage",
+        "each fusion, while somebody listens or a recording asks",
+        True,
         _DROP,
         True,
-        "x, y, z (metres, `camera`), amplitude, deviation; float32, known pixels only",
+        "16UC1, depth in millimetres, 0 = unknown, lens distortion taken out: for viewers",
+        unit="mm",
+    ),
+    Topic(
+        FUSED_POINTS,
+        "foxglove.PointCloud",
+        "each fusion, while somebody listens or a recording asks",
+        True,
+        _DROP,
+        True,
+        "x, y, z (metres, `fused`), amplitude, deviation; float32, known pixels only, thinned in recordings",
         unit="m",
     ),
     Topic(
@@ -171,7 +208,7 @@ _ROWS = (
         "lidarboost.BurstReport",
         "each fusion",
         True,
-        _BLOCK,
+        _AHEAD,
         True,
         "JSON: method, λ, iterations, frames used and rejected, noise, seconds, latency",
         unit="SI",
@@ -179,11 +216,11 @@ _ROWS = (
     Topic(
         SCAN_PROGRESS,
         "lidarboost.ScanProgress",
-        "each pose",
+        "each pose, and 5 Hz during a solve",
         False,
         _DROP,
         True,
-        "JSON: how far the burst at work is, and what is being fused",
+        "JSON: how far the burst at work is, what is being fused, and how far the solver is",
         unit="SI",
     ),
     Topic(
@@ -191,7 +228,7 @@ _ROWS = (
         "lidarboost.ReplayState",
         "5 Hz while a replay plays, else 1 Hz, and at once after a change",
         False,
-        _BLOCK,
+        _AHEAD,
         True,
         "JSON: what is played, where it is, how fast, and gaps of its clock",
         unit="SI",
@@ -201,12 +238,12 @@ _ROWS = (
         "lidarboost.Status",
         "1 Hz",
         True,
-        _BLOCK,
+        _AHEAD,
         True,
         "JSON: state, source, rates, drops by cause, disk, last error",
         unit="SI",
     ),
-    Topic(LOG, "foxglove.Log", "as it happens", True, _BLOCK, True, "the service's log"),
+    Topic(LOG, "foxglove.Log", "as it happens", True, _AHEAD, True, "the service's log"),
     Topic(ALIVE, "–", "liveliness token", False, _NONE, False, "present as long as the service runs"),
 )
 

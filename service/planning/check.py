@@ -28,7 +28,9 @@ class Exposure(_Part):
     frames: int = Field(ge=1, description="Frames looked at.")
     saturated: float = Field(ge=0, le=1, description="Share of the pixels with too much light.")
     dark: float = Field(ge=0, le=1, description="Share of the pixels rejected for other reasons.")
-    histogram: tuple[int, ...] = Field(description="Pixels of one frame by amplitude, in equal steps.")
+    histogram: tuple[int, ...] = Field(
+        description="Pixels of one frame by amplitude, in equal steps; all 0 = it has none."
+    )
     histogram_top: float = Field(description="Amplitude at the end of the last step, counts.")
     noise: float | None = Field(
         description="Median over the pixels of the distance's standard deviation from frame to frame, metres."
@@ -80,10 +82,11 @@ def check_scan(
 def exposure_of(frames: Sequence[Frame]) -> Exposure:
     """How frames of the same view are exposed."""
     first = frames[0]
-    saturated = np.stack([frame.amplitude >= frame.saturation_level for frame in frames])
+    saturated = np.stack([frame.saturated for frame in frames])
     valid = np.stack([frame.valid for frame in frames])
-    top = float(max(1, first.amplitude.max())) * (1 + 1e-6)
-    counts, _ = np.histogram(first.amplitude, bins=_BINS, range=(0.0, top))
+    amplitude = np.zeros(0) if first.amplitude is None else first.amplitude
+    top = float(max(1, amplitude.max(initial=0))) * (1 + 1e-6)
+    counts, _ = np.histogram(amplitude, bins=_BINS, range=(0.0, top))
     return Exposure(
         frames=len(frames),
         saturated=float(saturated.mean()),

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from drivers.calibration import Calibration, Mount
 from drivers.poses import camera_centre, camera_rotation, relative_rotations
+from drivers.rotations import rotation_matrix
 from service.planning.plan import Plan, coverage
 
 PARALLAX_LIMIT = 0.1
@@ -99,9 +100,7 @@ def estimate_plan(
 
 def _shifts(angles: NDArray[np.float64], calibration: Calibration) -> NDArray[np.float64]:
     """(N, 2) dy, dx: where frame 0 sees what each frame sees at its principal point."""
-    from scipy.spatial.transform import Rotation
-
-    rays = Rotation.from_rotvec(relative_rotations(angles, calibration.mount)).apply((0.0, 0.0, 1.0))
+    rays = rotation_matrix(relative_rotations(angles, calibration.mount))[..., 2]
     k = calibration.intrinsics
     return np.stack([k.fy * rays[:, 1] / rays[:, 2], k.fx * rays[:, 0] / rays[:, 2]], axis=1)
 

@@ -3,12 +3,13 @@
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from threading import Lock
-from typing import Any
+from typing import Any, Self
 
 from service.errors import HungError, WorkerError
 from service.processes.channel import Channel
@@ -51,12 +52,13 @@ class Worker:
         threads: int | None = None,
         cancelled: Callable[[], bool] = lambda: False,
     ) -> None:
-        self._name, self._work, self._niceness, self._cancelled = name, work, niceness, cancelled
+        self._name, self._work, self._niceness, self.cancelled = name, work, niceness, cancelled
         self._environment = dict(os.environ)
         if threads is not None:
             self._environment |= dict.fromkeys(_THREADS, str(threads))
         self._process: subprocess.Popen[bytes] | None = None
         self._channel: Channel | None = None
+        self._asked = False
         self._killing = Lock()
 
     @property
@@ -64,9 +66,15 @@ class Worker:
         """Its process id; None where there is none."""
         return None if self._process is None else self._process.pid
 
+    @property
+    def is_fresh(self) -> bool:
+        """Whether it was started and nothing was asked of it yet."""
+        return self._process is not None and not self._asked
+
     def start(self) -> None:
         """Start a new process in place of the former one."""
         self.kill()
+        self._asked = False
         ours, theirs = Channel.pair()
         code = _START.format(path=sys.path, fd=theirs.fileno(), work=self._work, nice=self._niceness)
         # A group of its own: signals to a process group (Ctrl-C, `timeout`) are the parent's alone to answer.
@@ -81,13 +89,21 @@ class Worker:
         with self._killing:
             self._process, self._channel = process, ours
 
-    def ask(self, request: object, timeout: float, interim: Callable[[Any], None] = lambda _: None) -> Any:
+    def ask(
+        self,
+        request: object,
+        timeout: float,
+        interim: Callable[[Any], None] = lambda _: None,
+        *,
+        renewed: bool = True,
+    ) -> Any:
         """What it answers to a request.
 
         Args:
             request: what is asked for.
-            timeout: seconds that it may take from one word to the next.
+            timeout: seconds that it may take.
             interim: called with what it says on the way, by `tell`.
+            renewed: whether each such word gives it as long again.
 
         Raises:
             HungError: it gave no answer within `timeout` seconds.
@@ -96,15 +112,25 @@ class Worker:
         channel = self._channel
         if channel is None:
             raise WorkerError(f"the {self._name} is closed")
+        self._asked = True
         try:
             channel.send(request)
-            while isinstance(said := channel.receive(timeout, self._cancelled), Interim):
+            end = time.monotonic() + timeout
+            while isinstance(said := channel.receive(end - time.monotonic(), self.cancelled), Interim):
                 interim(said.value)
+                end = time.monotonic() + timeout if renewed else end
             return said
         except TimeoutError as error:
             raise HungError(f"the {self._name} gave no answer within {timeout:g} s") from error
         except (EOFError, WorkerError) as error:
             raise WorkerError(f"the {self._name} died ({self._ending()})") from error
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.kill()
 
     def kill(self) -> None:
         """End the process at once; safe where there is none."""
@@ -114,7 +140,7 @@ class Worker:
         if process is not None:
             process.kill()
             with suppress(subprocess.TimeoutExpired):
-                process.wait(5.0)
+                process.wait(1.0)  # on a busy machine even that takes a while
         if channel is not None:
             channel.close()
 

@@ -11,7 +11,8 @@ from typing import Self
 from service.errors import SinkError
 from service.messages.events import Event
 from service.messages.status import SinkState
-from service.sinks.runner import Patience, SinkRunner
+from service.sinks.patience import Patience
+from service.sinks.runner import SinkRunner
 from service.sinks.sink import Sink
 
 _REMEMBERED = 1000
@@ -102,13 +103,16 @@ class Bus:
         """What was lost on the way, in words; complete once it is closed."""
         return [loss for _, losses in self._all() for loss in losses]
 
-    def close(self, timeout: float = 10.0, *, discard: bool = False) -> None:
-        """Have all finish, or leave nothing behind; gives up those that take longer than `timeout` s."""
+    def close(self, timeout: float = 10.0, *, discard: bool = False, hurry: bool = False) -> None:
+        """Have all finish, or leave nothing behind; gives up those that take longer than `timeout` s.
+
+        In a `hurry` nothing that may be passed over, as pictures, is worked off any more.
+        """
         end = time.monotonic() + timeout
         with self._changing:
             runners = list(self._runners.values())
         for runner in runners:
-            runner.end(discard=discard)
+            runner.end(discard=discard, hurry=hurry)
         for runner in runners:
             runner.close(max(0.1, end - time.monotonic()), discard=discard)
 

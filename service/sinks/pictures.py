@@ -94,23 +94,12 @@ class Pictures(Sink):
 
 def drawing() -> Callable[[Drawing], str | None]:
     """What draws each request; it answers what went wrong, or None."""
-    import matplotlib.backends.backend_agg  # noqa: F401 — takes seconds: before the first map comes
-
-    from service.sinks.drawing import Picture
-
-    pictures: dict[tuple[object, ...], Picture] = {}
+    from service.sinks.drawing import write_preview
 
     def draw(request: Drawing) -> str | None:
         try:
-            kind = Picture.kind(request.map, request.truth)
-            if kind in pictures:
-                pictures[kind].show(request.map, request.truth)
-            else:
-                pictures.clear()
-                pictures[kind] = Picture(request.map, request.truth)
-            pictures[kind].save(request.path)
+            write_preview(request.path, request.map, request.truth)
         except Exception as error:  # the process lives on and draws the next
-            pictures.clear()
             return f"{type(error).__name__}: {error}"
         return None
 

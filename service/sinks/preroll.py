@@ -1,7 +1,7 @@
 """What is in no file yet: the last seconds before a recording begins, or before it goes on."""
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from service.sinks.recording_file import Unit
 
@@ -40,6 +40,11 @@ class Preroll:
         unit = self._units.popleft()
         self._bytes -= unit.size
         return unit
+
+    def keep(self, wanted: Callable[[Unit], bool]) -> None:
+        """Drop all but what is wanted."""
+        self._units = deque(unit for unit in self._units if wanted(unit))
+        self._bytes = sum(unit.size for unit in self._units)
 
     def forget(self, now: float) -> int:
         """Drop what is too old or too much at `now` (as `Unit.taken`); says how many messages went."""

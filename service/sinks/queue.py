@@ -32,7 +32,7 @@ class BoundedQueue(Generic[T]):
         self._dropped, self._droppable = dropped, droppable
         self._queue: deque[tuple[T, int]] = deque()
         self._bytes = 0
-        self._busy = self._closed = False
+        self._closed = False
         self._changed = Condition()
 
     def put(self, item: T, size: int) -> None:
@@ -56,23 +56,15 @@ class BoundedQueue(Generic[T]):
         return True
 
     def get(self) -> T | None:
-        """The next item, waiting for one; None once it is closed and empty. Ends the work on the last one."""
+        """The next item, waiting for one; None once it is closed and empty."""
         with self._changed:
-            self._busy = False
-            self._changed.notify_all()
             self._changed.wait_for(lambda: self._closed or bool(self._queue))
             if not self._queue:
                 return None
             item, size = self._queue.popleft()
             self._bytes -= size
-            self._busy = True
             self._changed.notify_all()
             return item
-
-    def wait_empty(self, timeout: float) -> bool:
-        """Whether everything was taken and worked off within `timeout` seconds."""
-        with self._changed:
-            return self._changed.wait_for(lambda: not self._queue and not self._busy, timeout)
 
     def close(self) -> None:
         """Take nothing more; what is in it can still be got."""

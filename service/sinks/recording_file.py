@@ -26,12 +26,14 @@ class Unit:
         received: when they came, ns since the epoch.
         taken: the same, seconds on a clock that nobody sets.
         begins_burst: whether a file had better end before it.
+        is_map: whether it is a fused map.
     """
 
     messages: tuple[Message, ...]
     received: int
     taken: float = 0.0
     begins_burst: bool = False
+    is_map: bool = False
 
     @property
     def size(self) -> int:

@@ -3,12 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.rotations import rotation_matrix
 from solver.geometry import normals_from_points, points_from_distance
-from solver.positions import rotation_matrix
 
 _AMBIENT = 0.25
-_SIZE = 640, 480
-"""Columns and rows of the picture."""
+_SIZE = 432, 353
+"""Columns and rows of the picture, and pixels of the map that it has room for."""
 
 _GRAZING = 0.12
 """Cosine to the ray below which a pixel belongs to no surface, but spans the gap between two."""
@@ -16,7 +16,10 @@ _GRAZING = 0.12
 _LIGHT = np.array([0.35, -0.5, -1.0], np.float32)
 """Where it comes from, in the viewer's axes."""
 
-_SMOOTHING = 5
+_SAMPLED = 7
+"""Of how many points one is looked at to see how far they reach."""
+
+_SMOOTHING = 3
 """Pixels over which normals are averaged: from one pixel to the next, noise turns them by tens of degrees."""
 
 
@@ -34,11 +37,13 @@ class Surface:
         intrinsics: NDArray[np.float64],
         distortion: tuple[float, ...] | None,
     ) -> None:
-        points = points_from_distance(distance, intrinsics, distortion)
+        step = max(1, -(-distance.shape[1] // _SIZE[0]))
+        scaled = np.diag([1 / step, 1 / step, 1.0]) @ intrinsics
+        points = points_from_distance(distance[::step, ::step], scaled, distortion)
         normals = normals_from_points(points)
         known = np.isfinite(points[..., 2]) & np.isfinite(normals[..., 0]) & ~_grazed(points, normals)
-        self._points = points[known].astype(np.float32)
-        self._normals = _smoothed(normals, known)[known].astype(np.float32)
+        self._points = points[known]
+        self._normals = _smoothed(normals, known)[known]
         self._middle = np.median(self._points, axis=0) if known.any() else np.zeros(3, np.float32)
 
     def seen_from(self, yaw: float, pitch: float) -> NDArray[np.float32]:
@@ -63,8 +68,8 @@ class Surface:
 
 def _grazed(points: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.bool_]:
     with np.errstate(invalid="ignore"):
-        cosine = np.abs((points * normals).sum(axis=2)) / np.linalg.norm(points, axis=2)
-        return np.asarray(cosine < _GRAZING)
+        facing = np.einsum("ijk,ijk->ij", points, normals)
+        return np.asarray(facing**2 < _GRAZING**2 * np.einsum("ijk,ijk->ij", points, points))
 
 
 def _smoothed(normals: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
@@ -72,7 +77,7 @@ def _smoothed(normals: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray
 
     kept = np.where(known[..., None], normals, np.float32(0))
     mean = cv2.blur(kept, (_SMOOTHING, _SMOOTHING))
-    length = np.linalg.norm(mean, axis=2, keepdims=True)
+    length = np.sqrt(np.einsum("ijk,ijk->ij", mean, mean))[..., None]
     return np.asarray(mean / np.maximum(length, np.finfo(np.float32).tiny), np.float32)
 
 
@@ -84,7 +89,7 @@ def _splat(points: NDArray[np.floating], value: NDArray[np.float32], away: float
     points, value, depth = points[front], value[front], depth[front]
     plane = points[:, :2] / depth[:, None]
     # The few farthest points would make the rest small.
-    low, high = np.percentile(plane, 0.5, axis=0), np.percentile(plane, 99.5, axis=0)
+    low, high = np.percentile(plane[::_SAMPLED], (0.5, 99.5), axis=0)
     scale = 0.92 * float(min(columns / (high[0] - low[0]), rows / (high[1] - low[1])))
     cell = ((plane - (low + high) / 2) * scale + (columns / 2, rows / 2)).astype(np.int32)
     inside = ((cell >= 0) & (cell < (columns - 1, rows - 1))).all(axis=1)

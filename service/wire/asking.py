@@ -36,7 +36,7 @@ class Asking:
 
     def __init__(self, session: zenoh.Session, prefix: str, endpoint: str) -> None:
         self._session, self._prefix, self._endpoint = session, prefix, endpoint
-        self._who = f"{_user()}@{socket.gethostname()}"
+        self.who = f"{_user()}@{socket.gethostname()}"
 
     def ask(self, name: str, timeout: float, request: dict[str, Any]) -> Answer:
         """Have a command carried out, and wait until it is.
@@ -61,7 +61,7 @@ class Asking:
             f"{self._prefix}/{name}",
             payload=json.dumps(request),
             encoding=zenoh.Encoding.APPLICATION_JSON,
-            attachment=self._who,
+            attachment=self.who,
             timeout=timeout,
             consolidation=zenoh.ConsolidationMode.NONE,  # all replies have the command's key
         )

@@ -3,6 +3,8 @@
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
 from threading import Lock
 from types import TracebackType
 from typing import Any, Self
@@ -14,7 +16,8 @@ import zenoh.ext
 from drivers.messages import CAMERA_CALIBRATION
 from service.errors import RemoteError
 from service.messages.decoding import Received, decode
-from service.messages.topics import FUSED_CALIBRATION, TOPICS, Congestion, Topic
+from service.messages.receipt import RECEIPT, Receipt
+from service.messages.topics import FUSED_CALIBRATION, FUSED_DEPTH_MM, TOPICS, Congestion, Topic
 from service.wire.addresses import DEFAULT_ENDPOINT, DEFAULT_PREFIX
 from service.wire.asking import Answer, Asking
 from service.wire.recordings import Record, Replay
@@ -45,19 +48,31 @@ class Client:
     Args:
         endpoint: where the service, or a router, listens.
         prefix: of the service's keys.
+        config: Zenoh's own JSON5 file, for certificates and the like; endpoints that it names go before
+            `endpoint`.
+        receipts: tell the service when a map of a subscription is in hand: its status then shows how long
+            that took.
 
     Attributes:
         scan, stream, stage, record, replay, settings, plan, fusion: its commands; they raise a
             `CommandError`.
 
     Raises:
-        SessionError: the endpoint is not one.
+        SessionError: the endpoint is not one, or the file cannot be used.
     """
 
-    def __init__(self, endpoint: str = DEFAULT_ENDPOINT, prefix: str = DEFAULT_PREFIX) -> None:
-        self._endpoint, self._prefix = endpoint, prefix
+    def __init__(
+        self,
+        endpoint: str = DEFAULT_ENDPOINT,
+        prefix: str = DEFAULT_PREFIX,
+        *,
+        config: str | Path | None = None,
+        receipts: bool = False,
+    ) -> None:
+        self._endpoint, self._prefix, self._receipts = endpoint, prefix, receipts
         self._resources = ExitStack()
-        self._session = self._resources.enter_context(open_session(listen=(), connect=(endpoint,)))
+        file = None if config is None else Path(config)
+        self._session = self._resources.enter_context(open_session((), (endpoint,), file))
         self._calibrations: dict[str, LatestCalibration] = {}
         self._watching = Lock()
         self._asking = Asking(self._session, prefix, endpoint)
@@ -114,7 +129,8 @@ class Client:
         """
         row = _published(topic)
         keep = _IMAGES if row.congestion is Congestion.DROP else _MESSAGES
-        subscription = Subscription(topic, keep, self._decode, lambda arrived: self._declare(topic, arrived))
+        read = self._confirmed if self._receipts and topic.startswith("fused/") else self._decode
+        subscription = Subscription(topic, keep, read, lambda arrived: self._declare(topic, arrived))
         self._resources.callback(subscription.close)
         if handler is not None:
             subscription.call(handler)
@@ -152,7 +168,18 @@ class Client:
         if not isinstance(received.value, np.ndarray) or received.value.ndim != 2:
             return received
         source = CAMERA_CALIBRATION if topic.startswith("camera/") else FUSED_CALIBRATION
-        return self._calibration(source).given_to(received)
+        image = self._calibration(source).given_to(received)
+        # What is made for viewers has its distortion taken out.
+        flat = topic == FUSED_DEPTH_MM and image.distortion is not None
+        return replace(image, distortion=np.zeros_like(image.distortion)) if flat else image
+
+    def _confirmed(self, sample: zenoh.Sample) -> Received:
+        received = self._decode(sample)
+        if received.timestamp is not None:
+            receipt = Receipt(who=self._asking.who, topic=received.topic, timestamp=received.timestamp)
+            key = f"{self._prefix}/{RECEIPT}/{self._session.info.zid()}"
+            self._session.put(key, receipt.model_dump_json(), congestion_control=zenoh.CongestionControl.DROP)
+        return received
 
     def _calibration(self, topic: str) -> "LatestCalibration":
         """The latest calibration of a topic, followed from the first image on."""

@@ -11,6 +11,7 @@ from typing import Any, Self
 import zenoh
 
 from drivers.messages import Message
+from drivers.names import shown
 from service.errors import CommandError, InvalidArgumentError, UnavailableError
 from service.wire.encoding import Octets, encoding
 from service.wire.pending import Pending
@@ -186,7 +187,7 @@ class Allowance:
 
 def refusal(error: CommandError) -> bytes:
     """`{"code": …, "message": …}`."""
-    return json.dumps({"code": error.code, "message": str(error)}, ensure_ascii=False).encode()
+    return json.dumps({"code": error.code, "message": shown(error)}, ensure_ascii=False).encode()
 
 
 def _refuse(query: zenoh.Query, error: CommandError) -> None:

@@ -4,14 +4,17 @@ import json
 import logging
 import re
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from threading import Thread
 from typing import Literal
 
 import zenoh
 
 from service.errors import SessionError
+from service.leaving import leave_behind
 from service.wire.addresses import DEFAULT_ENDPOINT
+from service.wire.links import address_of
 from service.wire.sockets import holder
 from service.wire.zenoh_file import ZenohFile, brief
 
@@ -25,11 +28,20 @@ _SETTINGS = {
     # 15 Hz were lost over idle TCP on loopback; with room for a whole map none, and a put takes 4 ms at most.
     "transport/link/tx/queue/size/data": "16",
     "transport/link/tx/queue/size/data_low": "16",
+    "transport/link/tx/queue/size/data_high": "16",
     "transport/link/tcp/so_sndbuf": str(4 << 20),
     # How long one stuck subscriber may hold up the others for each image that it misses, in µs.
     "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments": "20000",
+    # Answers wait for a full link. One on which nothing moves for so long, µs, is closed; whoever is behind
+    # it connects anew once it reads again.
+    "transport/link/tx/queue/congestion_control/block/wait_before_close": "1000000",
 }
 """What is put in force unless the given file says otherwise."""
+
+_LOSSLESS = {"transport/link/tx/queue/congestion_control/block/wait_before_close": "5000000"}
+
+_CLOSING = 0.5
+"""Seconds that a session gets to close; usually it takes some milliseconds."""
 
 _log = logging.getLogger(__name__)
 
@@ -40,6 +52,8 @@ def open_session(
     connect: Sequence[str] = (),
     file: Path | None = None,
     mode: Literal["peer", "client"] = "peer",
+    *,
+    lossless: bool = False,
 ) -> Iterator[zenoh.Session]:
     """A session that is always closed: one that is not would hang the interpreter at its exit.
 
@@ -48,11 +62,12 @@ def open_session(
         connect: endpoints to connect to; they may come up later.
         file: Zenoh's own JSON5 file; what it sets, defaults included, goes before everything here.
         mode: a `client` fails at once where nobody listens on `connect`; a `peer` keeps trying.
+        lossless: what is published waits for slow subscribers; one that reads nothing gets Zenoh's own 5 s.
 
     Raises:
         SessionError: the file cannot be read, an endpoint is not one, or its port is in use.
     """
-    config = _configuration(listen, connect, file, mode)
+    config = _configuration(listen, connect, file, mode, lossless=lossless)
     try:
         session = zenoh.open(config)
     except zenoh.ZError as error:
@@ -60,27 +75,43 @@ def open_session(
     try:
         yield session
     finally:
-        try:
+        _close(session)
+
+
+def _close(session: zenoh.Session) -> None:
+    """Close it; a subscriber that stopped reading holds that up for Zenoh's own 10 s, and is left behind."""
+
+    def close() -> None:
+        with suppress(zenoh.ZError):  # not in time: then it is said below
             session.close()  # type: ignore[no-untyped-call]
-        except zenoh.ZError as error:  # a subscriber that stopped reading can outlast Zenoh's own time limit
-            _log.warning("the Zenoh session did not close in time: %s", brief(str(error)))
+
+    closing = Thread(target=close, name="closing", daemon=True)
+    closing.start()
+    closing.join(_CLOSING)
+    if closing.is_alive():
+        leave_behind(closing)
+        _log.warning("the Zenoh session did not close in %g s: a subscriber has stopped reading", _CLOSING)
 
 
 def _configuration(
-    listen: Sequence[str], connect: Sequence[str], file: Path | None, mode: str
+    listen: Sequence[str], connect: Sequence[str], file: Path | None, mode: str, *, lossless: bool = False
 ) -> zenoh.Config:
     told = ZenohFile(file)
-    settings = _SETTINGS | {
-        "mode": json.dumps(mode),
-        "listen/endpoints": json.dumps(list(listen)),
-        "connect/endpoints": json.dumps(list(connect)),
-    }
+    settings = (
+        _SETTINGS
+        | (_LOSSLESS if lossless else {})
+        | {
+            "mode": json.dumps(mode),
+            "listen/endpoints": json.dumps(list(listen)),
+            "connect/endpoints": json.dumps(list(connect)),
+        }
+    )
     try:
         for key, value in settings.items():
             if not told.says(key):
                 told.config.insert_json5(key, value)
     except zenoh.ZError as error:
-        endpoints = ", ".join([*listen, *connect])
+        endpoints = ", ".join(map(address_of, [*listen, *connect]))
         raise SessionError(
             f"Zenoh refuses an endpoint of {endpoints}: {brief(str(error))}; expected for example "
             f"{DEFAULT_ENDPOINT}"
@@ -98,6 +129,6 @@ def _explain(error: str, config: zenoh.Config) -> str:
             f'(listen: {{ endpoints: ["tcp/127.0.0.1:7448"] }}) given as zenoh.config'
         )
     return (
-        f"cannot open the Zenoh session (listen {config.get_json('listen/endpoints')}, connect "
-        f"{config.get_json('connect/endpoints')}): {brief(error)}"
+        f"cannot open the Zenoh session (listen {brief(config.get_json('listen/endpoints'))}, connect "
+        f"{brief(config.get_json('connect/endpoints'))}): {brief(error)}"
     )

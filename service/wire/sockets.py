@@ -7,6 +7,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import zenoh
+
 _LISTEN = "0A"
 """TCP_LISTEN in the kernel's include/net/tcp_states.h, as `/proc/net/tcp` prints it."""
 
@@ -36,6 +38,22 @@ def holder(port: int) -> str | None:
         except OSError:  # gone meanwhile, or another user's
             continue
     return None
+
+
+def ports_of(session: zenoh.Session) -> Iterator[tuple[int, int]]:
+    """(local port, remote port) of each of its links over TCP, with TLS or without."""
+    for link in session.info.links():
+        if is_tcp(link.src):
+            yield _port(link.src), _port(link.dst)
+
+
+def is_tcp(locator: str) -> bool:
+    """Whether what Zenoh calls so is a TCP connection."""
+    return locator.startswith(("tcp/", "tls/"))
+
+
+def _port(locator: str) -> int:
+    return int(locator.partition("?")[0].rpartition(":")[2])
 
 
 def bytes_under_way(links: Iterable[tuple[int, int]]) -> int | None:

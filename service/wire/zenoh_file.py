@@ -9,6 +9,13 @@ import zenoh
 
 from service.errors import SessionError
 
+_QUOTED_LINE = re.compile(r"\s*\d*\s*\|")
+_REMOVED = (
+    (re.compile(r" at /\S+\.rs:\d+\.?"), ""),
+    (re.compile(r"\b(integer|string|floating point|boolean|character) (\\?[`\"]).*?\2"), r"\1"),
+    (re.compile(r"#[^\s\"',\]]*=[^\s\"',\]]+"), ""),
+)
+
 
 class ZenohFile:
     """A configuration of Zenoh, and whether its file says a setting.
@@ -45,5 +52,9 @@ class ZenohFile:
 
 
 def brief(error: str) -> str:
-    """Zenoh's message without the source lines of its own code, on one line."""
-    return " ".join(re.sub(r" at /\S+\.rs:\d+\.?", "", error).split())
+    """Zenoh's message on one line, without the source lines of its own code, and without what may be secret:
+    the line of the file that it quotes, values, and what follows the address in an endpoint."""
+    kept = "\n".join(line for line in error.splitlines() if not _QUOTED_LINE.match(line))
+    for pattern, instead in _REMOVED:
+        kept = pattern.sub(instead, kept)
+    return " ".join(kept.split())

@@ -6,7 +6,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.lens import camera_matrix, distort, lens_coefficients, pixel_rays, tilt_matrix
+from solver.kernels.lens import distort
+from solver.lens import camera_matrix, lens_coefficients, pixel_rays, tilt_matrix
 from solver.positions import rotation_matrix, rotation_vector
 from solver.registration.points import Points
 from solver.registration.samples import Samples

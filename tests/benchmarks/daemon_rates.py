@@ -1,6 +1,6 @@
 """What the service adds to the solver.
 
-`python tests/benchmarks/daemon_rates.py [--minutes 1] [--only stream,scan,once,command]`
+`python tests/benchmarks/daemon_rates.py [--minutes 1] [--only stream,scan,once,command,commands]`
 
 Each row runs the command `lidarboost run` as a user would, with a subscriber in a process of its own:
 
@@ -8,7 +8,8 @@ Each row runs the command `lidarboost run` as a user would, with a subscriber in
 - scan: bursts of 15 frames at 5 ms, recording; from the last exposure to the map decoded by the subscriber,
   what of that is not the solver's, and whether the fusion keeps up;
 - once: a long recording as fast as it goes, with and without pictures, in times real time;
-- command: `run --replay recordings/wedges.mcap --once`, whole, with picture, caches warm.
+- command: `run --replay recordings/wedges.mcap --once`, whole, with picture, caches warm;
+- commands: how soon such are answered that touch no device, under full load, and with a stuck camera.
 
 Run it on an idle machine; targets are in the heads of the columns.
 """
@@ -27,6 +28,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
 from typing import Any
+
+from commanded import answers, told
 
 ROOT = Path(__file__).parents[2]
 LIDARBOOST = (sys.executable, "-m", "lidarboost")
@@ -196,6 +199,28 @@ def command(folder: Path, runs: int = 5) -> Iterator[str]:
     yield f"command: {min(taken):.1f}, {median(taken):.1f}, {max(taken):.1f} s least, median, most (3)"
 
 
+def commands(folder: Path) -> Iterator[str]:
+    """Asked from outside while it idles, while it scans and fuses, and while its camera is stuck."""
+    for situation in ("idle", "scanning and fusing", "with a stuck camera"):
+        place = folder / situation.replace(" ", "-")
+        place.mkdir()
+        lines = (
+            f'start = "{"idle" if situation == "idle" else "scan"}"',
+            *CAMERA,
+            "integration_time = 0.005",
+            "[stage]",
+            'backend = "simulated"',
+            "settle = 0.0",
+            "[fusion]",
+            'method = "lidarboost"',
+            "[recording]",
+            "enabled = true",
+            f'directory = "{place / "kept"}"',
+        )
+        with rig(place, *lines) as (endpoint, config):
+            yield from told(answers(config, endpoint, ROOT, stuck="stuck" in situation), situation)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -203,16 +228,19 @@ def main() -> None:
     parser.add_argument(
         "--minutes", type=float, default=1.0, help="for how long a daemon runs; 10 for the targets"
     )
-    parser.add_argument("--only", default="stream,scan,once,command", help="rows, with commas between")
+    parser.add_argument(
+        "--only", default="stream,scan,once,command,commands", help="rows, with commas between"
+    )
     chosen = parser.parse_args()
     rows = {
         "stream": lambda folder: stream(folder, 60 * chosen.minutes),
         "scan": lambda folder: scan(folder, 60 * chosen.minutes),
         "once": once,
         "command": command,
+        "commands": commands,
     }
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} before")
-    for name in chosen.only.split(","):
+    for name in chosen.only.split(",") if chosen.only else rows:
         with tempfile.TemporaryDirectory() as folder:
             for line in rows[name](Path(folder)):
                 print(line, flush=True)

@@ -17,6 +17,7 @@ from emulators.grbl_emulator import GrblEmulator
 from emulators.ptu_emulator import PtuEmulator
 from made_frames import make_bursts
 from usb_standin import SR4000_IDS, StandIn
+from zenoh_source import rig_frames, zenoh_source
 
 from drivers import (
     Calibration,
@@ -74,12 +75,19 @@ def vendor_library(world):
     return lambda: make_camera("mesasr", {"library": world.stub()})
 
 
+def another_rig(world):
+    source = world.stack.enter_context(zenoh_source())
+    rig_frames(source)
+    return lambda: make_camera("zenoh", {"endpoint": source.endpoint, "prefix": "far/rig"})
+
+
 CAMERA_WORLDS = {
     "auto": found_by_itself,
     "mesasr": vendor_library,
     "replay": replayed,
     "simulated": simulated,
     "usb": on_usb,
+    "zenoh": another_rig,
 }
 
 

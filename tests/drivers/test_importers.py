@@ -146,7 +146,7 @@ def test_what_to_import_must_be_of_one_known_kind(tmp_path):
     for paths, said in (
         ([], "no file to import"),
         (["a.jpg"], r"cannot be imported as '\.jpg'; known are \.srs, \.bdat, \.bin, \.dat, \.txt"),
-        ([""], "is a folder; name its files"),
+        ([""], "is a folder without bag or pictures"),
         (["a.dat", "b.bdat"], r"several formats \(\.bdat, \.dat\)"),
     ):
         with pytest.raises(RecordingError, match=said):

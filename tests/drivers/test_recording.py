@@ -46,10 +46,11 @@ def test_extreme_values_of_every_field_come_back(tmp_path):
         saturation_level=0x8000,
         burst=None,
         pose=None,
+        scale=np.nextafter(1e-3, 1),
     )
     (back,) = open_recording(write(tmp_path / "x.mcap", [frame])).frames()
     assert_same_frame(back, frame)
-    assert len(FIELDS) == 12  # a new field needs a value here
+    assert len(FIELDS) == 13  # a new field needs a value here
 
 
 def test_times_mean_what_they_should(whole, frames):

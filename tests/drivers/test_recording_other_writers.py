@@ -225,7 +225,7 @@ def test_a_counter_that_jumps_costs_no_memory(source, tmp_path):
 def test_a_jump_over_damage_is_said_as_a_range(source, tmp_path):
     path = rewrite(source, tmp_path / "x.mcap", jumping, chunk_size=4_000)
     entries = Recording(path).entries
-    offset = entries[8].places[2].chunk
+    offset = entries[8].said.chunk
     lost = [entry for entry in entries if {place.chunk for place in entry.places} == {offset}]
     recording = open_recording(flipped(path, tmp_path, offset + 500))
     assert lost[0].sequence < 200 < 10**8 < lost[-1].sequence

@@ -105,7 +105,7 @@ def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
         ("LIDARBOOST_FUSION__METOD", "area", "unknown key fusion.metod; did you mean fusion.method?"),
         ("LIDARBOOST_FUSON__METHOD", "area", "did you mean LIDARBOOST_FUSION__METHOD?"),
         ("LIDARBOOST_FUSION_FRAMES", "7", "did you mean LIDARBOOST_FUSION__FRAMES?"),
-        ("LIDARBOOST_XYZZY", "7", "known here: LIDARBOOST_START, LIDARBOOST_CAMERA"),
+        ("LIDARBOOST_XYZZY", "7", "known here: LIDARBOOST_START, LIDARBOOST_PRESET, LIDARBOOST_CAMERA"),
         ("LIDARBOOST_FUSION", "area", "environment"),
     ],
 )
@@ -126,8 +126,8 @@ def test_a_mistake_in_a_flag_is_the_command_lines() -> None:
 def test_every_field_says_what_it_means_and_every_number_is_bounded() -> None:
     found = schema()
     sections = [part for name, part in found["$defs"].items() if name.endswith("Section")]
-    # All but `start` are sections; of `sinks` there may be any number.
-    assert len(sections) == len(Configuration.model_fields) - 1
+    # All but `start` and `preset` are sections; of `sinks` there may be any number.
+    assert len(sections) == len(Configuration.model_fields) - 2
     options = [part for name, part in found["$defs"].items() if "Options." in name]
     assert len(options) == 10
     for section in [*sections, *options]:
@@ -135,9 +135,9 @@ def test_every_field_says_what_it_means_and_every_number_is_bounded() -> None:
             assert field.get("description"), f"{section['title']}.{name} says nothing"
             for choice in field.get("anyOf", [field]):
                 if choice.get("type") in ("number", "integer"):
-                    assert {"minimum", "exclusiveMinimum", "enum"} & choice.keys(), (
-                        f"{section['title']}.{name}"
-                    )
+                    named = f"{section['title']}.{name}"
+                    assert {"minimum", "exclusiveMinimum", "enum"} & choice.keys(), named
+                    assert {"maximum", "exclusiveMaximum", "enum"} & choice.keys(), named
 
 
 def test_the_schema_holds_the_options_of_the_backend_that_is_named() -> None:

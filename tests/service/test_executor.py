@@ -18,6 +18,7 @@ from numba.core.caching import UserProvidedCacheLocator
 from scripted import calibration, frame
 
 from service.config.sections import FusionSection
+from service.daemon.fusing import Fusing
 from service.errors import HungError, WorkerError
 from service.fusion.answering import answering
 from service.fusion.backlog import Backlog
@@ -240,7 +241,7 @@ class Held:
     def __init__(self) -> None:
         self.jobs: list[tuple[Job, Future[FusedMap]]] = []
 
-    def submit(self, job: Job) -> "Future[FusedMap]":
+    def submit(self, job: Job, iterating: object = None) -> "Future[FusedMap]":  # noqa: ARG002
         self.jobs.append((job, Future()))
         return self.jobs[-1][1]
 
@@ -253,7 +254,7 @@ class Held:
 
 def test_live_the_oldest_burst_gives_way_when_the_backlog_is_full() -> None:
     held = Held()
-    backlog = Backlog(held, lambda _: None, lambda _job, _why: None, lossless=False)
+    backlog = Backlog(held, lambda _job, _map: None, lambda _job, _why: None, lossless=False)
     for number in range(5):
         backlog.put(job(number), room=2)
     waiting = [one.number for one, future in held.jobs if not future.cancelled()]
@@ -268,12 +269,35 @@ def test_live_the_oldest_burst_gives_way_when_the_backlog_is_full() -> None:
     assert backlog.drain(1.0)
 
 
+def test_a_stream_whose_grid_moved_has_no_truth_and_what_is_scanned_after_it_has(
+    started: LocalExecutor,
+) -> None:
+    held, told = Held(), []
+    fusing = Fusing(held, told.append, lossless=False)  # type: ignore[arg-type]
+    fusing.truth = np.ones((1, 1), np.float32)
+    still = map_of(started, job(0))
+    moved = replace(still, report=still.report.model_copy(update={"notes": ("the grid moved",)}))
+    first, second = fusing.next_stream(), fusing.next_stream()
+    jobs = [
+        (replace(frame_job(0), stream=first), still),
+        (replace(frame_job(1), stream=first), moved),
+        (replace(frame_job(2), stream=first), still),
+        (job(0), still),
+        (replace(frame_job(3), stream=first), still),
+        (replace(frame_job(0), stream=second), still),
+    ]
+    for one, result in jobs:
+        fusing.backlog.put(one, room=10)
+        held.jobs[-1][1].set_result(result)
+    assert [event.truth is not None for event in told] == [True, False, False, True, False, True]
+
+
 def test_what_its_listeners_raise_stops_nobody(
     started: LocalExecutor, caplog: pytest.LogCaptureFixture
 ) -> None:
     seen: list[int] = []
 
-    def listen(result: FusedMap) -> None:
+    def listen(_: Job, result: FusedMap) -> None:
         seen.append(result.report.burst)
         raise RuntimeError("no wish to listen")
 

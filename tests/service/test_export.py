@@ -12,6 +12,8 @@ from service.cli import app
 
 START = 1_700_000_000_000_000_000
 SHAPE = (144, 176)
+REASON = np.zeros((36, 44), np.uint8)
+REASON[0, :5], REASON[1] = 2, 1
 
 
 def lidarboost(*arguments):
@@ -55,6 +57,7 @@ def maps(tmp_path):
             depth = depth_of(number)
             for topic, image in (("fused/depth", depth), ("fused/deviation", depth / 100)):
                 writer.write(image_message(topic, image, "32FC1", "camera", at, number), at)
+            writer.write(image_message("fused/reason", REASON, "8UC1", "camera", at, number), at)
     return path
 
 
@@ -97,6 +100,7 @@ def test_maps_become_arrays_and_points(maps, tmp_path):
         np.testing.assert_array_equal(arrays["fused_depth"], [depth_of(0), depth_of(1)])
         assert arrays["fused_timestamp"].tolist() == [START, START + 1]
         assert "fused_amplitude" not in arrays
+        np.testing.assert_array_equal(arrays["fused_reason"], [REASON, REASON])
     status, said, _ = lidarboost("export", maps, "-o", tmp_path / "x.ply", "--all")
     assert (status, said.count("\n")) == (0, 2)
     for number in range(2):
@@ -104,6 +108,7 @@ def test_maps_become_arrays_and_points(maps, tmp_path):
         assert len(points["x"]) == 36 * 44 - 5
         np.testing.assert_allclose(points["z"], 2.0 + number, rtol=1e-6)
         np.testing.assert_allclose(points["deviation"], (2.0 + number) / 100, rtol=1e-6)
+        assert points["reason"].sum() == 44
     # f = 200 px and the centre at column 87.5: the last column lies left of the axis
     np.testing.assert_allclose(points["x"].max(), 3.0 * (43 - 87.5) / 200, rtol=1e-5)
 

@@ -1,3 +1,4 @@
+import json
 import logging
 from collections.abc import Callable
 
@@ -8,11 +9,13 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
-from drivers.messages import Message
-from service.messages.encoding import fused_messages, log_message, points_message
+from drivers.messages import Message, json_message
+from service.messages.encoding import fused_messages, log_message
 from service.messages.map import FusedMap
 from service.messages.report import BurstReport
+from service.messages.status import Degraded, RecorderState, Status
 from service.messages.topics import TOPICS
+from service.messages.viewing import points_message
 
 
 def by_topic(result: FusedMap) -> dict[str, Message]:
@@ -21,7 +24,7 @@ def by_topic(result: FusedMap) -> dict[str, Message]:
 
 def image(message: Message) -> np.ndarray:
     raw = RawImage.FromString(message.payload)
-    assert (raw.encoding, raw.step, raw.frame_id) == ("32FC1", raw.width * 4, "camera")
+    assert (raw.encoding, raw.step, raw.frame_id) == ("32FC1", raw.width * 4, "fused")
     return np.frombuffer(raw.data, "<f4").reshape(raw.height, raw.width)
 
 
@@ -58,7 +61,7 @@ def test_every_message_has_the_time_of_the_reference_frame_and_the_schema_of_the
         assert message.schema.name == TOPICS[message.topic].schema
     cloud = PointCloud.FromString(points_message(result).payload)
     assert cloud.timestamp.ToNanoseconds() == result.frame.timestamp
-    assert cloud.frame_id == "camera"
+    assert cloud.frame_id == "fused"
 
 
 def test_calibration_is_that_of_the_fused_image_and_comes_first(fused: Callable[[int], FusedMap]) -> None:
@@ -105,3 +108,16 @@ def test_log_records_keep_their_level_and_text(level: int, expected: int) -> Non
         expected, "lost camera", "service.capture.rig", "rig.py", 12,
     )  # fmt: skip
     assert abs(log.timestamp.ToNanoseconds() - record.created * 1e9) < 1e6
+
+
+def test_names_that_are_no_text_break_neither_status_nor_log() -> None:
+    odd = "/data/odd-\udcff.mcap"
+    faults = (Degraded(what=f"{odd}: the disk is full"),)
+    told = Status(recorder=RecorderState(file=odd), degraded=faults, latency=float("inf"))
+    read = json.loads(json_message("status", told, 0).payload)
+    whole = "/data/odd-\N{REPLACEMENT CHARACTER}.mcap"
+    assert (read["recorder"]["file"], read["degraded"][0]["what"]) == (whole, f"{whole}: the disk is full")
+    assert read["latency"] is None
+    assert Status.model_validate(read).recorder is not None
+    record = logging.LogRecord("service", logging.INFO, "f.py", 1, "wrote %s", (odd,), None)
+    assert Log.FromString(log_message(record).payload).message == f"wrote {whole}"

@@ -22,7 +22,8 @@ def scan(service: Running, far: object) -> None:
 
 
 def test_a_recording_is_begun_and_ended_and_holds_what_was_asked_for(tmp_path: Path, endpoint: str) -> None:
-    with running(playable(tmp_path, endpoint), hasty_rig()) as service, stranger(endpoint) as far:
+    settings = playable(tmp_path, endpoint, recording={"preroll": 60.0})
+    with running(settings, hasty_rig()) as service, stranger(endpoint) as far:
         scan(service, far)
         recorder = far.ask("cmd/record", action="start", maps=False)["recorder"]
         assert recorder["recording"] is True
@@ -41,7 +42,7 @@ def test_a_recording_is_begun_and_ended_and_holds_what_was_asked_for(tmp_path: P
         assert far.ask("cmd/record", action="stop")["recorder"]["recording"] is False
         scan(service, far)
     recording = Recording(tmp_path / "kept" / name)
-    assert recording.frame_count == 4
+    assert recording.frame_count == 8  # half of them from before it was asked for
     assert recording.damage is None
     assert not [topic for topic in recording.topics if topic.startswith("fused/")]
     assert recording.metadata["source"] == "device"

@@ -16,13 +16,14 @@ import pytest
 from scripted import calibration, frame
 from test_recorder import HEAD, Time, begun, message, opened, read, recorder, said, section
 
-import service.sinks.recorder as recorder_module
+import service.sinks.recording_series as series_module
 from drivers.calibration import Mount
 from drivers.recording import RecordingWriter, open_recording
 from service.messages.events import FrameCaptured
 from service.sinks.file_series import FileSeries
 from service.sinks.recorder import Recorder
 from service.sinks.recording_directory import RecordingDirectory
+from service.sinks.recording_order import RecordingOrder, Wish
 
 SIZE = 200_000
 
@@ -48,7 +49,7 @@ def disk(tmp_path: Path) -> Iterator[Path]:
 @pytest.fixture(autouse=True)
 def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
     """Look and try again with every event."""
-    monkeypatch.setattr(recorder_module, "_RETRY", 0.0)
+    monkeypatch.setattr(series_module, "_RETRY", 0.0)
 
 
 def counted(recording: Recorder, sent: int) -> set[int]:
@@ -333,19 +334,17 @@ def test_a_share_without_locks_is_recorded_on(
 
 
 def test_a_recording_begins_with_what_came_before_it_was_asked_for(tmp_path: Path) -> None:
-    from threading import Event as Flag
-
-    wanted = Flag()
-    recording = Recorder(FileSeries(tmp_path / "a.mcap", 10, None), wanted=wanted, preroll=60.0, now=Time())
+    order = RecordingOrder(None)
+    recording = Recorder(FileSeries(tmp_path / "a.mcap", 10, None), order=order, preroll=60.0, now=Time())
     recording.take(opened())
     for number in range(5):
         recording.take(said(message(number)))
     assert list(tmp_path.iterdir()) == []
     assert not recording.state.recording
-    wanted.set()
+    order.wish = Wish()
     recording.take(said(message(5)))
     assert recording.state.recording
-    wanted.clear()
+    order.wish = None
     recording.take(said(message(6)))
     assert not recording.state.recording
     recording.close()

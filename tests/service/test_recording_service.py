@@ -59,7 +59,7 @@ def test_a_disk_that_is_full_at_the_start_is_told_and_recorded_on_once_there_is_
 
     def then(told: Told) -> None:
         last = told.statuses[-1]
-        if full.exists() and last.drops.recorded and len(told.statuses) > 3:
+        if full.exists() and last.drops.recorded and last.degraded and last.totals.frames:
             full.unlink()
         if not full.exists() and recorded(last) and not last.degraded:
             told.daemon.stop.set()
@@ -68,7 +68,7 @@ def test_a_disk_that_is_full_at_the_start_is_told_and_recorded_on_once_there_is_
     told = Told(then)
     settings = configure(recording={"enabled": True, "directory": str(folder), "budget": 2, "rotate_size": 1})
     summary = run_service(settings, rig(), sinks={"told": lambda: told}, started=told.started)
-    faulty = next(status for status in told.statuses if status.drops.recorded)
+    faulty = [status for status in told.statuses if status.degraded][-1]
     assert any("recorder" in fault.what and "the disk is full" in fault.what for fault in faulty.degraded)
     assert faulty.recorder is not None
     assert "the disk is full" in (faulty.recorder.error or "")

@@ -9,7 +9,7 @@ import pytest
 from service.errors import EncodingError, SinkError
 from service.messages.events import Event, Logged, StateChanged
 from service.sinks.bus import Bus
-from service.sinks.runner import Patience
+from service.sinks.patience import Patience
 from service.sinks.sink import Room, Sink
 
 QUICK = Patience(held=0.4, hang=0.4, restart=0.02)
@@ -218,6 +218,31 @@ def test_live_a_slow_one_loses_and_counts_and_nobody_waits(bench: Bench) -> None
     state = bench.state("slow")
     assert state.taken + state.dropped == 200
     assert state.dropped > 100
+
+
+@pytest.mark.parametrize("lossless", [False, True])
+def test_in_a_hurry_what_may_be_passed_over_is_not_worked_off(lossless: bool) -> None:
+    class Pictures(Hangs):
+        newest_suffice = True
+
+    class AllMatter(Hangs): ...
+
+    bench = Bench(lossless=lossless)
+    for name, kind in (("pictures", Pictures), ("all", AllMatter)):
+        bench.add(name, kind)
+    try:
+        emitted(bench, 5)
+        bench.until(lambda: all(len(kept) == 1 for kept in bench.kept.values()))
+        threading.Timer(0.1, Hangs.let_go.set).start()
+        bench.bus.close(20, hurry=True)
+    finally:
+        Hangs.let_go.set()
+        bench.bus.close(5)
+        Hangs.let_go.clear()
+    assert len(bench.kept["pictures"]) == 2, "the one at work, which it keeps twice"
+    assert len(bench.kept["all"]) == 6
+    assert bench.state("pictures").dropped == 4
+    assert bench.bus.losses == (["pictures: 4 events lost"] if lossless else [])
 
 
 @pytest.mark.parametrize("lossless", [False, True])

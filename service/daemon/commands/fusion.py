@@ -6,6 +6,7 @@ from pydantic import Field
 
 from service.config.sections import FusionSection
 from service.daemon.desk import Desk
+from service.daemon.renewal import reconfigure
 from service.daemon.verb import Answer, Command, Place, Reply, Verb
 
 
@@ -33,7 +34,7 @@ class Set(Verb, FusionSection):
 
     def carry_out(self, desk: Desk) -> Answer:
         daemon = desk.daemon
-        daemon.reconfigure(fusion=desk.changed(daemon.configuration.fusion, self.given))
+        reconfigure(daemon, fusion=desk.changed(daemon.configuration.fusion, self.given))
         return desk.reply(FusionReply, fusion=daemon.configuration.fusion)
 
 

@@ -6,6 +6,7 @@ from pydantic import Field
 
 from service.config.sections import PlanSection
 from service.daemon.desk import Desk
+from service.daemon.renewal import reconfigure
 from service.daemon.verb import Answer, Command, Place, Reply, Verb
 
 
@@ -33,7 +34,7 @@ class Set(Verb, PlanSection):
 
     def carry_out(self, desk: Desk) -> Answer:
         daemon = desk.daemon
-        daemon.reconfigure(plan=desk.changed(daemon.configuration.plan, self.given))
+        reconfigure(daemon, plan=desk.changed(daemon.configuration.plan, self.given))
         return desk.reply(PlanReply, plan=daemon.configuration.plan)
 
 

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from drivers.errors import RecordingError
 from drivers.recording import Recording, recover, recovered_path
 from service.daemon.desk import Desk
+from service.daemon.recording import begin_recorder
 from service.daemon.verb import Answer, Command, Outcome, Place, Reply, Verb
 from service.errors import (
     InvalidArgumentError,
@@ -16,12 +17,14 @@ from service.errors import (
     IoFailureError,
     NotFoundError,
     OutOfRangeError,
-    SinkError,
+    UnavailableError,
 )
+from service.messages.events import Delivery
 from service.messages.status import RecorderState
 from service.sinks.folder import found_in
-from service.sinks.recorder import RECORDER, Recorder, recorder_of
+from service.sinks.recorder import RECORDER, Recorder
 from service.sinks.recording_directory import RecordedFile, RecordingDirectory
+from service.sinks.recording_order import RecordingOrder, Wish
 from service.wire.encoding import Octets
 
 _BEGINS = 5.0
@@ -80,15 +83,13 @@ class Start(Verb):
                 'a recording is played, which is recorded only if asked for: {"replays": true}, or end the '
                 "replay first"
             )
-        used = section.model_copy(update={"maps": maps, "replays": self.replays})
-        present = desk.daemon.bus.sink(RECORDER)
-        if isinstance(present, Recorder) and (present.maps, present.replays) == (maps, self.replays):
-            return _reply(desk)
-        try:
-            desk.daemon.bus.add(RECORDER, lambda: recorder_of(used))
-        except SinkError as error:
-            raise InvalidStateError("it records already, in another way: stop that first") from error
-        _await_file(desk)
+        order, wish = _recorder(desk).order, Wish(maps, self.replays)
+        if order.wish is not None and order.wish != wish:
+            raise InvalidStateError("it records already, in another way: stop that first")
+        if order.wish is None:
+            order.wish = wish
+            desk.daemon.emit(Delivery(lambda: None))  # it begins with whatever event comes next
+            _await_file(desk, order)
         return _reply(desk)
 
 
@@ -99,12 +100,12 @@ class Stop(Verb):
     action: Literal["stop"]
 
     def carry_out(self, desk: Desk) -> Answer:
-        recorder = desk.daemon.bus.sink(RECORDER)
-        try:
-            ended = desk.daemon.bus.remove(RECORDER)
-        except SinkError:
-            return _reply(desk)  # there is none
-        if ended.abandoned:
+        bus, section = desk.daemon.bus, desk.daemon.configuration.recording
+        recorder = bus.sink(RECORDER)
+        if isinstance(recorder, Recorder) and recorder.order.wish is None:
+            return _reply(desk)
+        ended = begin_recorder(bus, section, None)
+        if ended is not None and ended.abandoned:
             raise IoFailureError(f"the recorder was given up: {ended.error}")
         last = recorder.state if isinstance(recorder, Recorder) else RecorderState()
         return desk.reply(RecordReply, recorder=last)
@@ -212,15 +213,21 @@ def _refuse_written(desk: Desk, path: Path) -> None:
         raise InvalidStateError(f"{path.name} is being written: stop the recording first")
 
 
-def _await_file(desk: Desk) -> None:
-    """Wait until the recorder has begun a file; one that cannot is taken away again."""
-    bus = desk.daemon.bus
+def _recorder(desk: Desk) -> Recorder:
+    """The recorder at work; raises `UnavailableError` where it is being started again."""
+    recorder = desk.daemon.bus.sink(RECORDER)
+    if not isinstance(recorder, Recorder):
+        raise UnavailableError("the recorder failed and is started again: try again in a moment")
+    return recorder
+
+
+def _await_file(desk: Desk, order: RecordingOrder) -> None:
+    """Wait until the recorder has begun a file; where it cannot, nothing is wanted of it any more."""
     end = time.monotonic() + _BEGINS
     while time.monotonic() < end and _written(desk) is None:
-        recorder = bus.sink(RECORDER)
+        recorder = desk.daemon.bus.sink(RECORDER)
         if isinstance(recorder, Recorder) and recorder.fault is not None:
-            fault = recorder.fault
-            bus.remove(RECORDER)
+            fault, order.wish = recorder.fault, None
             raise IoFailureError(f"nothing can be recorded: {fault}")
         time.sleep(0.01)
 

@@ -6,6 +6,7 @@ from pydantic import Field
 
 from drivers.settings import CameraSettings
 from service.daemon.desk import Desk
+from service.daemon.renewal import reconfigure
 from service.daemon.verb import Answer, Command, Place, Reply, Verb
 
 
@@ -35,7 +36,7 @@ class Set(Verb, CameraSettings):
         daemon, rig = desk.daemon, desk.daemon.rig
         rig.apply(rig.camera.settings.model_copy(update=self.given))
         used = {"settings": rig.camera.settings}
-        daemon.reconfigure(camera=daemon.configuration.camera.model_copy(update=used))
+        reconfigure(daemon, camera=daemon.configuration.camera.model_copy(update=used))
         return desk.reply(SettingsReply, settings=rig.camera.settings)
 
 

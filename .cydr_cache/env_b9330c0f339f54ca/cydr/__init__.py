@@ -1,0 +1,1 @@
+"""Minimal shadow package for generated cydr codecs."""

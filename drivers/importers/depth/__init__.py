@@ -1,0 +1,1 @@
+"""Depth images of other cameras, from bags of messages and folders of pictures."""

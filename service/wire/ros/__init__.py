@@ -1,0 +1,1 @@
+"""The key space of ROS 2 nodes under rmw_zenoh."""

@@ -1,0 +1,123 @@
+"""SIGTERM, SIGINT and SIGHUP end a service within 5 s in every state, with whole files and a true status."""
+
+import signal
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from rig_process import PLUGGED, SIMULATED, RigProcess, rig_process
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "drivers"))
+
+from emulators.ptu_emulator import PtuEmulator
+
+pytestmark = pytest.mark.faults
+
+_LIMIT = 7.0
+"""Seconds: 5 are promised, the rest is for a busy machine."""
+
+STUCK = """
+[camera]
+backend = "simulated"
+options = {{ scene = "plane" }}
+[stage]
+backend = "ptu"
+options = {{ port = "{folder}/ptu" }}
+timeout = 60.0
+"""
+
+
+def scan(rig: RigProcess) -> None:
+    rig.ask("cmd/scan", action="start")
+    rig.wait_state("scanning")
+
+
+def pause(rig: RigProcess) -> None:
+    scan(rig)
+    assert rig.ask("cmd/scan", action="pause")["paused"]
+
+
+def stream(rig: RigProcess) -> None:
+    assert rig.ask("cmd/stream", action="start")["state"] == "streaming"
+
+
+def replay(rig: RigProcess) -> None:
+    rig.ask("cmd/scan", action="once")
+    name = Path(rig.ask("cmd/record", action="stop")["recorder"]["file"]).name
+    rig.ask("cmd/replay", action="load", file=name, play=True, loop=True)
+    rig.wait(lambda told: told["source"] == "replay")
+
+
+def rest(_: RigProcess) -> None: ...
+
+
+def no_part_is_left(rig: RigProcess) -> None:
+    assert not list(rig.folder.rglob("*.active"))
+    assert "Traceback" not in rig.log.read_text()
+
+
+def await_begin(rig: RigProcess) -> None:
+    """Until the program, and not the interpreter alone, is there: it catches SIGTERM."""
+    end = time.monotonic() + 60
+    caught = 0
+    while not caught >> (signal.SIGTERM - 1) & 1:
+        assert rig.process.poll() is None
+        assert time.monotonic() < end
+        lines = Path(f"/proc/{rig.process.pid}/status").read_text().splitlines()
+        caught = int(next(line for line in lines if line.startswith("SigCgt")).split()[1], 16)
+        time.sleep(0.005)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("begin", [rest, scan, pause, stream, replay])
+def test_it_ends_in_every_state(tmp_path: Path, begin: Callable[[RigProcess], None], number: int) -> None:
+    with rig_process(tmp_path) as rig:
+        rig.wait_state("idle")
+        begin(rig)
+        seconds = rig.end(number)
+        assert seconds < _LIMIT
+        no_part_is_left(rig)
+
+
+@pytest.mark.parametrize("word", ["unplug", "silence"])
+@pytest.mark.parametrize("delay", [0.0, 1.3])
+def test_it_ends_while_the_camera_is_away(tmp_path: Path, word: str, delay: float) -> None:
+    with rig_process(tmp_path, PLUGGED, "scan") as rig:
+        rig.wait(lambda told: told["totals"]["fused"] > 0)
+        rig.tell_camera(word)
+        rig.wait_state("recovering")
+        time.sleep(delay)
+        seconds = rig.end()
+        assert seconds < _LIMIT
+        no_part_is_left(rig)
+
+
+@pytest.mark.parametrize("how", ["stuck", "mute", "unplugged"])
+def test_it_ends_while_the_stage_is_away(tmp_path: Path, how: str) -> None:
+    with PtuEmulator(tmp_path / "ptu") as unit:
+        with rig_process(tmp_path, STUCK.format(folder=tmp_path), "scan") as rig:
+            rig.wait(lambda told: told["totals"]["frames"] > 3)
+            if how == "stuck":
+                unit.fastest = 1
+                for axis in unit.axes.values():
+                    axis.speed = 1e-6
+            elif how == "mute":
+                unit.mute = True
+            else:
+                unit.unplug()
+            time.sleep(1.5)
+            seconds = rig.end()
+        assert seconds < _LIMIT
+        no_part_is_left(rig)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.3, 0.6, 1.0])
+def test_it_ends_in_its_first_second(tmp_path: Path, delay: float) -> None:
+    with rig_process(tmp_path, SIMULATED, "scan") as rig:
+        await_begin(rig)
+        time.sleep(delay)
+        seconds = rig.end()
+        assert seconds < _LIMIT
+        no_part_is_left(rig)

@@ -1,0 +1,73 @@
+"""A device whose library hangs does not keep the service from ending, with its files whole."""
+
+import time
+from pathlib import Path
+from threading import Event as Flag
+from threading import Thread
+
+import pytest
+from commanding import configuration
+from scripted import ScriptedCamera, ScriptedStage
+from test_commands import HastyClock
+
+from drivers import Frame
+from drivers.recording import Recording
+from service.capture.rig import Rig
+from service.daemon.daemon import Daemon
+from service.daemon.last_resort import last_resort
+from service.daemon.run import run_service
+
+pytestmark = pytest.mark.faults
+
+
+class Hanging(ScriptedCamera):
+    """From its sixth frame on it never comes back, until it is let go."""
+
+    let_go = Flag()
+
+    def _grab(self, timeout: float) -> Frame:
+        if self.calls >= 6:
+            self.let_go.wait(60)
+        return super()._grab(timeout)
+
+
+def test_it_hands_over_and_ends_without_the_device(tmp_path: Path, endpoint: str) -> None:
+    clock = HastyClock(1_700_000_000_000_000_000)
+    camera = Hanging(clock)
+    recording = {"enabled": True, "directory": str(tmp_path / "kept")}
+    settings = configuration(tmp_path, endpoint, start="scan", recording=recording)
+    ended, daemons = Flag(), list[Daemon]()
+
+    def serve() -> None:
+        run_service(
+            settings,
+            Rig(camera, ScriptedStage(clock), clock),
+            started=daemons.append,
+            abandoned=lambda _: ended.set(),
+        )
+
+    thread = Thread(target=serve, daemon=True)
+    thread.start()
+    try:
+        end = time.monotonic() + 120
+        while camera.calls < 6:
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        daemons[0].stop.set()
+        began = time.monotonic()
+        assert ended.wait(30)
+        assert 2.5 < time.monotonic() - began < 10
+        [path] = (tmp_path / "kept").iterdir()
+        assert (path.suffix, Recording(path).damage) == (".mcap", None)
+    finally:
+        camera.let_go.set()
+        thread.join(30)
+    assert not thread.is_alive()
+
+
+def test_nobody_is_given_up_who_comes_back_in_time() -> None:
+    stop, given_up = Flag(), Flag()
+    with last_resort(stop, given_up.set):
+        stop.set()
+        time.sleep(0.1)
+    assert not given_up.wait(4.0)
