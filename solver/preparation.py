@@ -14,7 +14,6 @@ from solver.kernels import noise as kernels
 from solver.options import SINGLE, FusionOptions
 from solver.problem import Problem, Solution
 from solver.reason import reasons
-from solver.unwrapping import circular_mean, near_an_end, unwrap
 
 
 def prepare(
@@ -50,29 +49,13 @@ def prepare(
                 f"every pixel's amplitude is under amplitude_threshold {threshold:g} (highest "
                 f"{np.nanmax(amplitude):g}); lower the threshold or expose longer"
             )
-    mean = None
-    span = ambiguity_range if options.method == "area" else None
-    if span is not None and near_an_end(distance, sigma, span).any():
-        distance = distance.copy() if amplitude is None else distance
-        mean = circular_mean(distance, amplitude, positions, span)
-        unwrap(distance, sigma, positions, mean, span)
     consensus = None
     # Where the noise is not known, nothing says how far is too far.
     if len(distance) >= MAJORITY and noise > 0 and options.method not in SINGLE:
         consensus = Consensus(distance, sigma, positions, ambiguity_range, options.method == "phasor")
         distance = consensus.kept()
     return Problem(
-        distance,
-        amplitude,
-        positions,
-        sigma,
-        noise,
-        ambiguity_range,
-        guide,
-        options,
-        threshold,
-        consensus,
-        mean,
+        distance, amplitude, positions, sigma, noise, ambiguity_range, guide, options, threshold, consensus
     )
 
 
@@ -99,10 +82,6 @@ def exchange(
         problem.amplitude[slot] = amplitude
         lit, sigma = problem.distance[slot], problem.sigma[slot]
         _light(distance, amplitude, problem.noise, problem.threshold, sigma, lit)
-    if problem.mean is not None and problem.ambiguity_range is not None:
-        one = slice(slot, slot + 1)
-        new = problem.distance[one], problem.sigma[one], problem.positions[one]
-        unwrap(*new, problem.mean, problem.ambiguity_range)
     others: list[int] = []
     if problem.consensus is not None:
         problem.consensus.measured[slot] = problem.distance[slot]

@@ -31,7 +31,6 @@ class Problem:
         options: the caller's choices, `method` already resolved.
         threshold: the amplitude under which samples were left out; 0 = none were.
         consensus: what the frames say together; None where that is not asked, see `preparation.prepare`.
-        mean: (H, W), the circular mean of distances by which they were unwrapped, or None.
         exchanged: numbers of the frames that alone have changed since it was solved last; empty = all.
     """
 
@@ -45,7 +44,6 @@ class Problem:
     options: FusionOptions
     threshold: float = 0.0
     consensus: Consensus | None = None
-    mean: NDArray[np.float32] | None = None
     exchanged: tuple[int, ...] = ()
 
     @property

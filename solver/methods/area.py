@@ -84,8 +84,6 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     if problem.consensus is not None:
         deviation = problem.usual_deviation if problem.noise else 0.0
         problem.consensus.limit(distance, deviation, mixed=problem.ambiguity_range is not None)
-    if problem.ambiguity_range is not None:
-        distance = np.mod(distance, np.float32(problem.ambiguity_range))
     return Solution(
         distance,
         None,
