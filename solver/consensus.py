@@ -33,12 +33,11 @@ _LOST = 12.0
 _GAP = 5
 """Pixels across which samples left out are joined: at an edge behind somebody, too much is allowed."""
 
-_SWING, _MIXED_SWING = (1.5, 3.0), (0.75, 3.0)
+_SWING, _MIXED_SWING = (1.5, 3.0), (0.5, 3.0)
 """What a map may swing to beside edges: high − low from the middle, and deviations. Where samples average
 distances, at most one fused pixel in five hundred lies beyond the first without wrong samples, and no error
 grows by more than 2 %. Where they average phasors, what would explain them lies beyond what is there, the
-further the less noise there is: with the second, half as far again as the frames say, fences of half a pixel
-err by a third less than without any more, and a dense one of unlike bars by 2 % more."""
+further the less noise there is; the second is what the frames say and no more."""
 
 _FEW = 500
 """One of so many samples of a frame may be judged anew without the frame being exchanged for it."""
