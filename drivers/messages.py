@@ -134,12 +134,16 @@ def frame_messages(frame: Frame, mount: Mount) -> list[Message]:
     return [
         *images,
         json_message(CAMERA_FRAME, FrameFields.of(frame), *at),
-        _transform_message(frame, mount),
+        transform_message(STAGE_TRANSFORM, CAMERA_FRAME_ID, frame, mount),
     ]
 
 
 def calibration_message(
-    calibration: Calibration, timestamp: int, topic: str = CAMERA_CALIBRATION, sequence: int = 0
+    calibration: Calibration,
+    timestamp: int,
+    topic: str = CAMERA_CALIBRATION,
+    sequence: int = 0,
+    frame_id: str = CAMERA_FRAME_ID,
 ) -> Message:
     """foxglove.CameraCalibration; lens terms beyond `plumb_bob`'s five make it `rational_polynomial`."""
     lens = calibration.distortion
@@ -147,7 +151,7 @@ def calibration_message(
     matrix = calibration.intrinsics.matrix
     message = CameraCalibration(
         timestamp=protobuf_time(timestamp),
-        frame_id=CAMERA_FRAME_ID,
+        frame_id=frame_id,
         width=calibration.width,
         height=calibration.height,
         distortion_model="plumb_bob" if size == 5 else "rational_polynomial",
@@ -266,16 +270,24 @@ def decode_calibration(payload: bytes) -> CameraCalibration:
     return message
 
 
-def _transform_message(frame: Frame, mount: Mount) -> Message:
+def transform_message(topic: str, child: str, frame: Frame, mount: Mount) -> Message:
+    """foxglove.FrameTransform from `rig` to where the camera was while a frame was exposed.
+
+    Args:
+        topic: what it is published as.
+        child: name of the camera's axes there.
+        frame: by whose angles.
+        mount: of the camera.
+    """
     (x, y, z), (qx, qy, qz, qw) = _camera_in_rig(frame.pan, frame.tilt, mount)
     message = FrameTransform(
         timestamp=protobuf_time(frame.timestamp),
         parent_frame_id=RIG_FRAME_ID,
-        child_frame_id=CAMERA_FRAME_ID,
+        child_frame_id=child,
         translation=Vector3(x=x, y=y, z=z),
         rotation=Quaternion(x=qx, y=qy, z=qz, w=qw),
     )
-    return protobuf_message(STAGE_TRANSFORM, message, frame.timestamp, frame.sequence)
+    return protobuf_message(topic, message, frame.timestamp, frame.sequence)
 
 
 @lru_cache(maxsize=256)  # a plan comes back to its poses, and working one out costs as much as all else

@@ -130,6 +130,7 @@ def _fuse_one(
     from service.files import free_path, made_directory
     from service.jobs.fuse import fuse_recording
     from service.messages.summary import describe, summarize
+    from service.messages.viewing import Extras
     from service.sinks.drawing import write_preview
 
     recording = open_recording(path)
@@ -139,7 +140,9 @@ def _fuse_one(
         if target is not None:
             stack.enter_context(made_directory(target.parent))
         announce, say = stack.enter_context(_progress(path, recording.frame_count, quiet=quiet))
-        for result in fuse_recording(recording, configuration.fusion, calibration, target, announce):
+        extras = Extras(configuration.output.points, configuration.output.depth_mm)
+        results = fuse_recording(recording, configuration.fusion, calibration, target, extras, announce)
+        for result in results:
             burst = summarize(result, recording.truth)
             found.append(burst)
             say(f"{path.name}: {describe(burst)}")

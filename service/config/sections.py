@@ -145,6 +145,15 @@ class RecordingSection(_Section):
     rotate_size: float = Field(1024.0, ge=1, le=1e6, description="MB after which a new file is begun.")
     rotate_duration: float = Field(3600.0, ge=1, le=1e6, description="Seconds until a new file is begun.")
     maps: bool = Field(True, description="Write fused maps too, not frames alone.")
+    points: int = Field(
+        4,
+        ge=0,
+        le=64,
+        description="Points of each map beside it: of every so many rows and columns one; 0 = none.",
+    )
+    depth_mm: bool = Field(
+        True, description="The depth of each map in millimetres beside it, which viewers can paint."
+    )
     replays: bool = Field(False, description="Record while a recording is played, too.")
     preroll: float = Field(
         2.0,
@@ -168,6 +177,15 @@ class OutputSection(_Section):
     """What `--output` receives besides `fused.mcap`."""
 
     preview: bool = Field(True, description="A PNG of every map; live, of the newest, as time allows.")
+    points: int = Field(
+        4,
+        ge=0,
+        le=64,
+        description="Points of each map beside it: of every so many rows and columns one; 0 = none.",
+    )
+    depth_mm: bool = Field(
+        True, description="The depth of each map in millimetres beside it, which viewers can paint."
+    )
     pictures: int = Field(1000, ge=1, le=1_000_000, description="Pictures kept live; the oldest goes.")
     rotate_size: float = Field(1024.0, ge=1, le=1e6, description="MB after which a new file is begun.")
     budget: float = Field(
@@ -201,6 +219,18 @@ class Ros2Section(_Section):
         None,
         description="Zenoh's own JSON5 file for this session; none = reached where the service listens.",
     )
+
+
+class FoxgloveSection(_Section):
+    """A server for Foxglove and Lichtblick."""
+
+    enabled: bool = Field(False, description="Serve viewers; needs lidarboost[foxglove].")
+    host: str = Field(
+        "127.0.0.1",
+        min_length=1,
+        description="Address to listen on; beyond loopback anybody may look.",
+    )
+    port: int = Field(8765, ge=0, le=65535, description="TCP port; 0 = any that is free.")
 
 
 class LogSection(_Section):
@@ -237,5 +267,6 @@ class Configuration(_Section):
     output: OutputSection = OutputSection()
     metrics: MetricsSection = MetricsSection()
     ros2: Ros2Section = Ros2Section()
+    foxglove: FoxgloveSection = FoxgloveSection()
     log: LogSection = LogSection()
     sinks: dict[str, SinkSection] = Field({}, description="Further sinks, by the name of each.")

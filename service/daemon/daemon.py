@@ -260,4 +260,6 @@ class Daemon:
             self.rig.close()
 
     def _captured(self, frame: Frame) -> None:
+        if self.mode is not None and self.states.state == "recovering":
+            self.states.enter(self.mode.state, self.mode.reason)
         self.emit(FrameCaptured(frame, self.rig.calibration.mount))

@@ -66,7 +66,7 @@ class Idle:
 
     def run(self) -> None:
         daemon = self._daemon
-        recover = Recovery(daemon, self)
+        recover = Recovery(daemon, self, proven=False)
         while not daemon.ending:
             try:
                 if not daemon.rig.is_open:  # something was asked for while a device was lost

@@ -111,6 +111,7 @@ class Monitor:
             span=settings.plan.span,
             pause=settings.plan.pause,
             integration_time=self._rig.camera.settings.integration_time,
+            modulation_frequency=self._rig.camera.settings.modulation_frequency,
         )
 
     def _last_error(self, what: str | None) -> LastError | None:

@@ -65,6 +65,8 @@ class Origin:
         self._fusing.truth = None
         self.tell_head()
         camera = known.camera
+        if known.recording is not None and known.recording.entries:
+            now = known.recording.entries[0].timestamp  # what is told of its frames is as old as they are
         self._emit(DevicesOpened(camera.model, camera.source, known.calibration, frames, now))
 
     def forget(self, rig: Rig) -> None:

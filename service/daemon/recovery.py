@@ -19,10 +19,11 @@ class Recovery:
     Args:
         daemon: at work.
         mode: that goes on afterwards.
+        proven: whether it is over only once a frame has come: a camera that opens may still be silent.
     """
 
-    def __init__(self, daemon: Daemon, mode: Mode) -> None:
-        self._daemon, self._mode = daemon, mode
+    def __init__(self, daemon: Daemon, mode: Mode, *, proven: bool = True) -> None:
+        self._daemon, self._mode, self._proven = daemon, mode, proven
 
     def __call__(self, error: OperationError) -> bool:
         """Try until it is done; False where something else was asked for first."""
@@ -30,7 +31,7 @@ class Recovery:
         daemon.states.enter("recovering", str(error))
         daemon.control.inbox.refuse(UnavailableError(f"a device is lost ({error}): wait until it is back"))
         done = daemon.rig.reopen(self._elsewhere)
-        if done:
+        if done and (daemon.control.paused or not self._proven):
             daemon.states.enter(self._mode.state, self._mode.reason)
         return done
 

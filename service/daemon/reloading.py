@@ -12,8 +12,8 @@ from pydantic import BaseModel
 from drivers.errors import DriverError
 from service.capture.rig import check_options
 from service.config.sections import Configuration
-from service.daemon.changing import reconfigure
 from service.daemon.recording import begin_recorder
+from service.daemon.renewal import reconfigure
 from service.errors import InvalidStateError, ServiceError, UnavailableError
 from service.sinks.recorder import RECORDER, Recorder, order_of, wish_of
 from service.sinks.recording_order import Wish

@@ -19,9 +19,12 @@ from service.daemon.recording import begin_recorder
 from service.files import made_directory
 from service.fusion.local import LocalExecutor
 from service.messages.summary import BurstSummary, RunSummary
+from service.messages.viewing import Extras
 from service.sinks.bus import Bus
 from service.sinks.configured import configured_sinks
 from service.sinks.file_series import FileSeries
+from service.sinks.foxglove import Foxglove
+from service.sinks.foxglove_replay import Ask
 from service.sinks.metrics import Metrics
 from service.sinks.pictures import Pictures
 from service.sinks.publisher import PUBLISHER, Publisher
@@ -29,6 +32,7 @@ from service.sinks.recorder import Recorder, order_of
 from service.sinks.ros import ros_sink
 from service.sinks.sink import Sink
 from service.sinks.summaries import Summaries
+from service.wire.asking import Asking
 from service.wire.links import Links
 from service.wire.session import open_session
 
@@ -39,6 +43,9 @@ _HANDOVER, _HANDOVER_TOLD, _HANDOVER_ABANDONED = 30.0, 2.2, 1.5
 device does not let go."""
 
 _log = logging.getLogger(__name__)
+
+_REPLAY_TIMEOUT = 2.0
+"""Seconds that a viewer's playback control may take."""
 
 SinkMakers = Mapping[str, Callable[[], Sink]]
 
@@ -93,6 +100,8 @@ def run_service(
             bus.add("metrics", lambda: Metrics(Metrics.Options(port=configuration.metrics.port)))
         if configuration.ros2.enabled:
             bus.add("ros2", ros_sink(configuration.ros2, configuration.zenoh.config))
+        if configuration.foxglove.enabled:
+            bus.add("foxglove", lambda: Foxglove(configuration.foxglove, _replaying(configuration, session)))
         for name, make in (*_outputs(configuration, output, once).items(), *makers.items()):
             bus.add(name, make)
         stack.enter_context(commanded(daemon, session))
@@ -116,6 +125,12 @@ def run_service(
         return _summary(daemon, bus, summaries, published, time.monotonic() - began)
 
 
+def _replaying(configuration: Configuration, session: zenoh.Session) -> Ask:
+    """What has `cmd/replay` do something, as everybody else does."""
+    asking = Asking(session, configuration.zenoh.prefix, "this service")
+    return lambda request: asking.ask("cmd/replay", _REPLAY_TIMEOUT, request)
+
+
 def _publisher(configuration: Configuration, session: zenoh.Session, once: bool) -> Publisher:
     section = configuration.zenoh
     return Publisher(session, section.prefix, lossless=once, raw_rate=section.raw_rate)
@@ -128,7 +143,10 @@ def _outputs(configuration: Configuration, output: Path | None, once: bool) -> d
     section = configuration.output
     budget = None if once else section.budget
     made: dict[str, Callable[[], Sink]] = {
-        "fused file": lambda: Recorder(FileSeries(output / FUSED_FILE, section.rotate_size, budget))
+        "fused file": lambda: Recorder(
+            FileSeries(output / FUSED_FILE, section.rotate_size, budget),
+            extras=Extras(section.points, section.depth_mm),
+        )
     }
     if section.preview:
         keep = None if once else section.pictures

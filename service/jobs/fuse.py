@@ -13,6 +13,7 @@ from service.fusion.fuse import fuse_burst
 from service.messages.burst import Burst
 from service.messages.encoding import fused_messages
 from service.messages.map import FusedMap
+from service.messages.viewing import Extras
 from solver.result import Progress
 
 Announce = Callable[[Burst], Progress | None]
@@ -42,6 +43,7 @@ def fuse_recording(
     settings: FusionSection,
     calibration: Calibration | None = None,
     output: Path | None = None,
+    extras: Extras = Extras(),  # noqa: B008 — frozen
     announce: Announce = lambda _: None,
 ) -> Iterator[FusedMap]:
     """Fuse burst after burst; with `output`, write frames and maps into a recording, whole or not at all.
@@ -53,6 +55,7 @@ def fuse_recording(
         settings: how.
         calibration: replaces the recording's own.
         output: MCAP file to write.
+        extras: what is written of each map beside it.
         announce: told of each burst.
 
     Raises:
@@ -68,7 +71,7 @@ def fuse_recording(
         for burst in recorded_bursts(recording, settings, calibration):
             result = fuse_burst(burst, settings, announce(burst))
             if writer is not None:
-                _write(writer, burst, result)
+                _write(writer, burst, result, extras)
             yield result
 
 
@@ -78,7 +81,7 @@ def _copy_attachments(recording: Recording, writer: RecordingWriter) -> None:
             writer.attach(name, recording.load(entry), entry.media_type, entry.log_time)
 
 
-def _write(writer: RecordingWriter, burst: Burst, result: FusedMap) -> None:
+def _write(writer: RecordingWriter, burst: Burst, result: FusedMap, extras: Extras) -> None:
     writer.attach_calibration(burst.calibration, burst.reference.timestamp)
     for frame in burst.frames:
         for message in frame_messages(frame, burst.calibration.mount):
@@ -86,5 +89,5 @@ def _write(writer: RecordingWriter, burst: Burst, result: FusedMap) -> None:
     writer.write(
         calibration_message(burst.calibration, burst.reference.timestamp), burst.frames[-1].timestamp
     )
-    for message in fused_messages(result):
+    for message in (*fused_messages(result), *extras.messages(result)):
         writer.write(message, burst.frames[-1].timestamp)

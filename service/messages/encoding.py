@@ -5,13 +5,9 @@ from functools import singledispatch
 
 import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
-from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
-from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
-from numpy.typing import NDArray
 
 from drivers.calibration import Calibration, Intrinsics
 from drivers.messages import (
-    CAMERA_FRAME_ID,
     Message,
     calibration_message,
     frame_messages,
@@ -19,6 +15,7 @@ from drivers.messages import (
     json_message,
     protobuf_message,
     protobuf_time,
+    transform_message,
 )
 from drivers.names import shown
 from service.errors import EncodingError
@@ -39,17 +36,15 @@ from service.messages.topics import (
     FUSED_CALIBRATION,
     FUSED_DEPTH,
     FUSED_DEVIATION,
-    FUSED_POINTS,
+    FUSED_FRAME_ID,
     FUSED_REASON,
     FUSED_REPORT,
+    FUSED_TRANSFORM,
     LOG,
     REPLAY_STATE,
     SCAN_PROGRESS,
     STATUS,
 )
-from solver.lens import pixel_rays
-
-POINT_FIELDS = ("x", "y", "z", "amplitude", "deviation")
 
 
 def event_messages(event: Event) -> tuple[Message, ...]:
@@ -62,11 +57,6 @@ def event_messages(event: Event) -> tuple[Message, ...]:
         return event.once(event_messages, lambda: tuple(_messages(event)))
     except Exception as error:
         raise EncodingError(f"{type(event).__name__} cannot be encoded: {error}") from error
-
-
-def points_of(event: MapFused) -> Message:
-    """`points_message` of a map, made once."""
-    return event.once(points_of, lambda: points_message(event.map))
 
 
 @singledispatch
@@ -115,23 +105,24 @@ def _(event: Logged) -> list[Message]:
 
 
 def fused_messages(result: FusedMap) -> list[Message]:
-    """Calibration, depth, deviation, amplitude where there is one, reasons and report of a fused map.
+    """Calibration, transform, depth, deviation, amplitude where there is one, reasons and report of a map.
 
-    All carry the time of the reference frame, so that its transform applies. The calibration comes first:
-    who has an image can ask for what belongs to it.
+    All carry the time of the reference frame. Calibration and transform come first: who has an image can ask
+    for what belongs to it.
     """
     at = result.frame.timestamp, result.frame.sequence
     # Z = distance · cos(angle off the axis), and so is its standard deviation.
     with np.errstate(invalid="ignore", divide="ignore"):
         deviation = result.deviation * (result.depth / result.distance)
     messages = [
-        calibration_message(fused_calibration(result), at[0], topic=FUSED_CALIBRATION, sequence=at[1]),
-        image_message(FUSED_DEPTH, result.depth, "32FC1", CAMERA_FRAME_ID, *at),
-        image_message(FUSED_DEVIATION, deviation, "32FC1", CAMERA_FRAME_ID, *at),
+        calibration_message(fused_calibration(result), at[0], FUSED_CALIBRATION, at[1], FUSED_FRAME_ID),
+        transform_message(FUSED_TRANSFORM, FUSED_FRAME_ID, result.frame, result.calibration.mount),
+        image_message(FUSED_DEPTH, result.depth, "32FC1", FUSED_FRAME_ID, *at),
+        image_message(FUSED_DEVIATION, deviation, "32FC1", FUSED_FRAME_ID, *at),
     ]
     if result.amplitude is not None:
-        messages.append(image_message(FUSED_AMPLITUDE, result.amplitude, "32FC1", CAMERA_FRAME_ID, *at))
-    messages.append(image_message(FUSED_REASON, result.reason, "8UC1", CAMERA_FRAME_ID, *at))
+        messages.append(image_message(FUSED_AMPLITUDE, result.amplitude, "32FC1", FUSED_FRAME_ID, *at))
+    messages.append(image_message(FUSED_REASON, result.reason, "8UC1", FUSED_FRAME_ID, *at))
     return [*messages, json_message(FUSED_REPORT, result.report, *at)]
 
 
@@ -146,41 +137,6 @@ def fused_calibration(result: FusedMap) -> Calibration:
         distortion=result.calibration.distortion,
         source=result.calibration.source,
     )
-
-
-def points_message(result: FusedMap) -> Message:
-    """foxglove.PointCloud of every known pixel: x, y, z in `camera`, amplitude and deviation, float32.
-
-    The deviation is the distance's, along the ray; an amplitude that the method does not give is NaN.
-    """
-    values = fused_points(result)
-    cloud = PointCloud(
-        timestamp=protobuf_time(result.frame.timestamp),
-        frame_id=CAMERA_FRAME_ID,
-        point_stride=values.itemsize * len(POINT_FIELDS),
-        fields=[
-            PackedElementField(name=name, offset=values.itemsize * place, type=PackedElementField.FLOAT32)
-            for place, name in enumerate(POINT_FIELDS)
-        ],
-        data=values.astype("<f4", copy=False).tobytes(),
-    )
-    cloud.pose.orientation.w = 1.0
-    return protobuf_message(FUSED_POINTS, cloud, result.frame.timestamp, result.frame.sequence)
-
-
-def fused_points(result: FusedMap) -> NDArray[np.float32]:
-    """(P, 5) float32: x, y, z in metres, amplitude and deviation of each known pixel."""
-    finite = np.isfinite(result.distance).ravel()
-    # Picking out all of them would take longer than all else.
-    known = slice(None) if finite.all() else np.flatnonzero(finite)
-    lens = result.calibration.distortion or None
-    rays = pixel_rays(result.depth.shape, result.intrinsics, lens).reshape(-1, 2)[known]
-    points = np.empty((len(rays), len(POINT_FIELDS)), dtype=np.float32)
-    points[:, 2] = result.depth.ravel()[known]
-    points[:, :2] = rays * points[:, 2:3]
-    points[:, 3] = np.nan if result.amplitude is None else result.amplitude.ravel()[known]
-    points[:, 4] = result.deviation.ravel()[known]
-    return points
 
 
 def log_message(record: logging.LogRecord) -> Message:

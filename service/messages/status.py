@@ -137,6 +137,7 @@ class InForce(_Part):
     span: float = Field(0.0, ge=0, description="Width of the field of poses, low-resolution pixels.")
     pause: float = Field(0.0, ge=0, description="Seconds between the end of a burst and the next.")
     integration_time: float = Field(0.0, ge=0, description="Seconds per phase sample.")
+    modulation_frequency: float = Field(0.0, ge=0, description="Of the camera's light, Hz; 0 = not said.")
 
 
 class Status(_Part):

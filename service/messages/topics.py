@@ -19,6 +19,8 @@ FUSED_DEVIATION = "fused/deviation"
 FUSED_AMPLITUDE = "fused/amplitude"
 FUSED_REASON = "fused/reason"
 FUSED_CALIBRATION = "fused/calibration"
+FUSED_TRANSFORM = "fused/transform"
+FUSED_DEPTH_MM = "fused/depth_mm"
 FUSED_POINTS = "fused/points"
 FUSED_REPORT = "fused/report"
 SCAN_PROGRESS = "scan/progress"
@@ -26,6 +28,9 @@ REPLAY_STATE = "replay/state"
 STATUS = "status"
 LOG = "log"
 ALIVE = "alive"
+
+FUSED_FRAME_ID = "fused"
+"""The axes of the reference frame of the latest map: right, down, forward."""
 
 
 class Congestion(Enum):
@@ -169,13 +174,33 @@ _ROWS = (
         unit="pixels",
     ),
     Topic(
-        FUSED_POINTS,
-        "foxglove.PointCloud",
-        "each fusion, while somebody listens",
-        False,
+        FUSED_TRANSFORM,
+        "foxglove.FrameTransform",
+        "each fusion",
+        True,
+        _AHEAD,
+        True,
+        "`rig` to `fused`: where the reference frame looked, in whose axes the map lies",
+        unit="m",
+    ),
+    Topic(
+        FUSED_DEPTH_MM,
+        "foxglove.RawImage",
+        "each fusion, while somebody listens or a recording asks",
+        True,
         _DROP,
         True,
-        "x, y, z (metres, `camera`), amplitude, deviation; float32, known pixels only",
+        "16UC1, depth in millimetres, 0 = unknown, lens distortion taken out: for viewers",
+        unit="mm",
+    ),
+    Topic(
+        FUSED_POINTS,
+        "foxglove.PointCloud",
+        "each fusion, while somebody listens or a recording asks",
+        True,
+        _DROP,
+        True,
+        "x, y, z (metres, `fused`), amplitude, deviation; float32, known pixels only, thinned in recordings",
         unit="m",
     ),
     Topic(

@@ -10,10 +10,11 @@ import zenoh
 import zenoh.ext
 
 from drivers.messages import Message
-from service.messages.encoding import event_messages, points_of
+from service.messages.encoding import event_messages
 from service.messages.events import Delivery, Event, FrameCaptured, MapFused
 from service.messages.status import Subscriber
-from service.messages.topics import ALIVE, FUSED_POINTS, TOPICS, Congestion, Topic
+from service.messages.topics import ALIVE, TOPICS, Congestion, Topic
+from service.messages.viewing import ON_DEMAND
 from service.sinks.sink import Room, Sink
 from service.wire.addresses import DEFAULT_PREFIX
 from service.wire.encoding import encoding
@@ -97,7 +98,7 @@ class Publisher(Sink):
             self._expect_receipts(event)
         self.publish(event_messages(event))
         if isinstance(event, MapFused):
-            self._publish_points(event)
+            self._publish_on_demand(event)
 
     def close(self) -> None:
         """Hand over what was published, then withdraw everything declared."""
@@ -159,12 +160,13 @@ class Publisher(Sink):
         if self._receipts is not None and told.latency is not None:
             self._receipts.expect(event.map.frame.timestamp, time.monotonic() - told.latency)
 
-    def _publish_points(self, event: MapFused) -> None:
-        """The points of a map are made only while somebody listens, or when they are asked for."""
-        self._keep(FUSED_POINTS, event)
-        publisher = self._publishers[FUSED_POINTS]
-        if publisher.matching_status.matching:
-            self._put(publisher, points_of(event))
+    def _publish_on_demand(self, event: MapFused) -> None:
+        """Some of a map is made only while somebody listens, or when it is asked for."""
+        for topic, make in ON_DEMAND.items():
+            self._keep(topic, event)
+            publisher = self._publishers[topic]
+            if publisher.matching_status.matching:
+                self._put(publisher, make(event))
 
     def _keep(self, topic: str, latest: Message | MapFused) -> None:
         if TOPICS[topic].latest:
@@ -180,7 +182,8 @@ class Publisher(Sink):
         policy = zenoh.CongestionControl.BLOCK if self._lossless else zenoh.CongestionControl.DROP
         is_small = topic.congestion is Congestion.AHEAD
         priority, key = self._priority(topic), self.key(topic.name)
-        if not topic.latest or _is_lazy(topic):
+        # An advanced publisher cannot tell whether anybody listens, and its cache needs all.
+        if not topic.latest or topic.name in ON_DEMAND:
             return self._session.declare_publisher(key, congestion_control=policy, priority=priority)
         return zenoh.ext.declare_advanced_publisher(
             self._session,
@@ -209,7 +212,7 @@ class Publisher(Sink):
                 with self._lock:
                     latest = self._latest.get(topic.name)
                 if latest is not None and not self.abandoned.is_set():
-                    message = points_of(latest) if isinstance(latest, MapFused) else latest
+                    message = ON_DEMAND[topic.name](latest) if isinstance(latest, MapFused) else latest
                     query.reply(key, message.payload, encoding=encoding(message))
 
         return self._session.declare_queryable(key, reply, complete=True)
@@ -218,8 +221,3 @@ class Publisher(Sink):
         if not all(is_tcp(link.src) for link in self._session.info.links()):
             return None
         return bytes_under_way(ports_of(self._session))
-
-
-def _is_lazy(topic: Topic) -> bool:
-    """Made on demand: an advanced publisher cannot tell whether anybody listens, and its cache needs all."""
-    return topic.name == FUSED_POINTS

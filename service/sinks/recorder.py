@@ -22,6 +22,7 @@ from service.messages.events import (
 )
 from service.messages.status import RecorderState
 from service.messages.topics import TOPICS
+from service.messages.viewing import Extras
 from service.sinks.destination import Destination
 from service.sinks.preroll import Preroll
 from service.sinks.recording_directory import RecordingDirectory
@@ -49,6 +50,7 @@ class Recorder(Sink):
     Args:
         destination: a `RecordingDirectory` or a `FileSeries`.
         order: what is wanted; None = all, always.
+        extras: what is written of each map beside it.
         preroll: seconds before its start that a recording begins with.
         now: nanoseconds since the epoch, when a message was received.
     """
@@ -63,12 +65,14 @@ class Recorder(Sink):
         destination: Destination,
         *,
         order: RecordingOrder | None = None,
+        extras: Extras = Extras(),  # noqa: B008 — frozen
         preroll: float = 0.0,
         now: Callable[[], int] = time.time_ns,
     ) -> None:
         super().__init__()
         self._destination, self._now = destination, now
         self.order = order if order is not None else RecordingOrder(Wish(replays=True))
+        self.extras = extras
         self._has_preroll = preroll > 0
         self._waiting = Preroll(preroll, _MOST_WAITING)
         self._series = RecordingSeries(destination, self._waiting, now)
@@ -139,7 +143,7 @@ class Recorder(Sink):
         if wish is None or not self._may_be_recorded(wish):
             return 0
         with suppress(EncodingError):
-            return len(_recorded(event, wish))
+            return len(self._recorded(event, wish))
         return 1
 
     @property
@@ -173,11 +177,17 @@ class Recorder(Sink):
         self._series.head = head
 
     def _queue(self, event: Event, wish: Wish) -> None:
-        messages = _recorded(event, wish)
+        messages = self._recorded(event, wish)
         if messages:
             begins = isinstance(event, BurstCaptured)
             is_map = isinstance(event, MapFused)
             self._waiting.append(Unit(messages, self._now(), time.monotonic(), begins, is_map))
+
+    def _recorded(self, event: Event, wish: Wish) -> tuple[Message, ...]:
+        if isinstance(event, MapFused) and not wish.maps:
+            return ()
+        extras = self.extras.of(event) if isinstance(event, MapFused) else ()
+        return (*(m for m in event_messages(event) if TOPICS[m.topic].recorded), *extras)
 
     def _recover_once(self) -> None:
         """See to what an earlier run left, before there is a file of this one's own."""
@@ -197,7 +207,12 @@ class Recorder(Sink):
 
 def recorder_of(section: RecordingSection, order: RecordingOrder) -> Recorder:
     """The recorder of a service: files in the recording folder."""
-    return Recorder(RecordingDirectory(section, time.time_ns), order=order, preroll=section.preroll)
+    return Recorder(
+        RecordingDirectory(section, time.time_ns),
+        order=order,
+        extras=Extras(section.points, section.depth_mm),
+        preroll=section.preroll,
+    )
 
 
 def order_of(section: RecordingSection) -> RecordingOrder:
@@ -208,12 +223,6 @@ def order_of(section: RecordingSection) -> RecordingOrder:
 def wish_of(section: RecordingSection) -> Wish:
     """What is recorded where nothing else is said."""
     return Wish(section.maps, section.replays)
-
-
-def _recorded(event: Event, wish: Wish) -> tuple[Message, ...]:
-    if isinstance(event, MapFused) and not wish.maps:
-        return ()
-    return tuple(m for m in event_messages(event) if TOPICS[m.topic].recorded)
 
 
 def _origin(head: RecordingHead) -> tuple[object, ...]:

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from threading import Lock
 from types import TracebackType
@@ -16,7 +17,7 @@ from drivers.messages import CAMERA_CALIBRATION
 from service.errors import RemoteError
 from service.messages.decoding import Received, decode
 from service.messages.receipt import RECEIPT, Receipt
-from service.messages.topics import FUSED_CALIBRATION, TOPICS, Congestion, Topic
+from service.messages.topics import FUSED_CALIBRATION, FUSED_DEPTH_MM, TOPICS, Congestion, Topic
 from service.wire.addresses import DEFAULT_ENDPOINT, DEFAULT_PREFIX
 from service.wire.asking import Answer, Asking
 from service.wire.recordings import Record, Replay
@@ -167,7 +168,10 @@ class Client:
         if not isinstance(received.value, np.ndarray) or received.value.ndim != 2:
             return received
         source = CAMERA_CALIBRATION if topic.startswith("camera/") else FUSED_CALIBRATION
-        return self._calibration(source).given_to(received)
+        image = self._calibration(source).given_to(received)
+        # What is made for viewers has its distortion taken out.
+        flat = topic == FUSED_DEPTH_MM and image.distortion is not None
+        return replace(image, distortion=np.zeros_like(image.distortion)) if flat else image
 
     def _confirmed(self, sample: zenoh.Sample) -> Received:
         received = self._decode(sample)

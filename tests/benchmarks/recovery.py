@@ -91,7 +91,9 @@ class Bench:
         return filler.unlink
 
     def folder_deleted(self) -> Broken:
+        lost = self.rig.status["recorder"]["lost"]
         shutil.rmtree(self.rig.folder / "disk" / "recordings")
+        self.rig.wait(lambda told: told["recorder"]["lost"] > lost)
         return lambda: None
 
     @property

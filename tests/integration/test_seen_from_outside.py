@@ -86,9 +86,8 @@ directory = "{folder}"
 kind = "quiet_sink:Quiet"
 options = {{ password = "{SECRET}" }}
 """
-    auth = f'{{ transport: {{ auth: {{ usrpwd: {{ user: "rig", password: "{SECRET}" }} }} }} }}'
     search = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
-    with daemon(tmp_path, auth, configuration, {"PYTHONPATH": search}) as service:
+    with daemon(tmp_path, "{}", configuration, {"PYTHONPATH": search}) as service:
         wait_until(lambda: '"logger"' in service.log or service.process.poll() is not None, 120, "a log")
         with ear(service.endpoint, PREFIX) as one:
             one.hears("fused/depth")

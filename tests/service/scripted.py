@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from math import inf
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -77,7 +77,8 @@ class ScriptedCamera(Camera):
         return calibration()
 
     def _capabilities(self) -> Capabilities:
-        return Capabilities(SHAPE, "device", self._carried is not None, "scripted")
+        source: Literal["device", "replay"] = "device" if self._carried is None else "replay"
+        return Capabilities(SHAPE, source, self._carried is not None, "scripted")
 
 
 class ScriptedStage(Stage):

@@ -79,13 +79,14 @@ def test_one_burst_is_answered_with_its_report_and_map(tmp_path: Path, endpoint:
         assert first["ok"]["report"]["burst"] == reply["report"]["burst"] + 1
         assert [m["attachment"] for m in messages] == [
             "fused/calibration",
+            "fused/transform",
             "fused/depth",
             "fused/deviation",
             "fused/amplitude",
             "fused/reason",
             "fused/report",
         ]
-        assert messages[1]["encoding"] == "application/protobuf;foxglove.RawImage"
+        assert messages[2]["encoding"] == "application/protobuf;foxglove.RawImage"
         assert {m["key"] for m in messages} == {"lidarboost/rig/cmd/scan"}
         assert len(service.of(BurstCaptured)) == 2
 

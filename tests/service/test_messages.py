@@ -10,11 +10,12 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
 from drivers.messages import Message, json_message
-from service.messages.encoding import fused_messages, log_message, points_message
+from service.messages.encoding import fused_messages, log_message
 from service.messages.map import FusedMap
 from service.messages.report import BurstReport
 from service.messages.status import Degraded, RecorderState, Status
 from service.messages.topics import TOPICS
+from service.messages.viewing import points_message
 
 
 def by_topic(result: FusedMap) -> dict[str, Message]:
@@ -23,7 +24,7 @@ def by_topic(result: FusedMap) -> dict[str, Message]:
 
 def image(message: Message) -> np.ndarray:
     raw = RawImage.FromString(message.payload)
-    assert (raw.encoding, raw.step, raw.frame_id) == ("32FC1", raw.width * 4, "camera")
+    assert (raw.encoding, raw.step, raw.frame_id) == ("32FC1", raw.width * 4, "fused")
     return np.frombuffer(raw.data, "<f4").reshape(raw.height, raw.width)
 
 
@@ -60,7 +61,7 @@ def test_every_message_has_the_time_of_the_reference_frame_and_the_schema_of_the
         assert message.schema.name == TOPICS[message.topic].schema
     cloud = PointCloud.FromString(points_message(result).payload)
     assert cloud.timestamp.ToNanoseconds() == result.frame.timestamp
-    assert cloud.frame_id == "camera"
+    assert cloud.frame_id == "fused"
 
 
 def test_calibration_is_that_of_the_fused_image_and_comes_first(fused: Callable[[int], FusedMap]) -> None:

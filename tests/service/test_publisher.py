@@ -21,7 +21,7 @@ from publishing import publishing
 
 from drivers.messages import Message, Schema
 from service.errors import SessionError
-from service.messages import encoding
+from service.messages import viewing
 from service.messages.encoding import fused_messages
 from service.messages.events import MapFused
 from service.messages.map import FusedMap
@@ -84,7 +84,7 @@ def test_a_subscriber_in_another_process_receives_and_decodes_a_fused_map(
     assert {topic: row["sha256"] for topic, row in got.items()} == hashes(sent)
     depth = got["fused/depth"]
     assert depth["encoding"] == "application/protobuf;foxglove.RawImage"
-    assert (depth["shape"], depth["frame_id"]) == ([72, 88], "camera")
+    assert (depth["shape"], depth["frame_id"]) == ([72, 88], "fused")
     assert depth["timestamp"] == result.frame.timestamp
     assert depth["mean"] == pytest.approx(float(np.nanmean(result.depth)), abs=1e-6)
     assert got["fused/calibration"]["shape"] == [72, 88]
@@ -111,13 +111,13 @@ def test_points_are_made_only_when_somebody_wants_them(
     endpoint: str, fused: Callable[[int], FusedMap], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made: list[int] = []
-    make = encoding.points_message
+    make = viewing.points_message
 
     def counted(result: FusedMap) -> Message:
         made.append(result.report.burst)
         return make(result)
 
-    monkeypatch.setattr(encoding, "points_message", counted)
+    monkeypatch.setattr(viewing, "points_message", counted)
     with open_session([endpoint]) as session, publishing(session) as publisher:
         publisher.take(MapFused(fused(1), None))
         assert publisher.drain()

@@ -96,8 +96,8 @@ def test_what_is_recorded_is_what_was_handed_over_byte_for_byte(tmp_path: Path) 
 
 def test_topics_that_the_table_does_not_record_are_left_out(tmp_path: Path) -> None:
     recording = recorder(FileSeries(tmp_path / "a.mcap", 1000, None))
-    recording.take(said(message(1), message(2, topic="fused/points")))
-    recording.take(said(message(3, topic="fused/points")))
+    recording.take(said(message(1), message(2, topic="scan/progress")))
+    recording.take(said(message(3, topic="scan/progress")))
     recording.close()
     assert [topic for topic, _, _ in read(tmp_path / "a.mcap")] == ["/status"]
 

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from ros_rig import LENS, START, made_map
 
-from service.messages.encoding import fused_points
 from service.messages.ros.cloud import point_cloud
 from service.messages.ros.images import camera_info, image
 from service.messages.ros.types import RosTypes
+from service.messages.viewing import fused_points
 
 READ = """
 import base64, hashlib, json, sys

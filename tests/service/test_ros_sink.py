@@ -11,9 +11,9 @@ import zenoh.ext
 from ros_rig import BETA, LENS, SHAPE, START, client, events, made_frame, made_map, ros_rig
 
 from drivers.messages import RIG_FROM_STAGE
-from service.messages.encoding import fused_points
 from service.messages.ros.topics import ROS_TOPICS
 from service.messages.ros.types import RosTypes
+from service.messages.viewing import fused_points
 from service.wire.ros.names import dds_type
 from solver.geometry import depth_from_distance
 

@@ -39,6 +39,7 @@ def test_nothing_but_images_and_what_belongs_to_a_frame_may_be_dropped() -> None
         "stage/transform",
         "fused/depth",
         "fused/deviation",
+        "fused/depth_mm",
         "fused/amplitude",
         "fused/points",
         "fused/reason",

@@ -5,7 +5,6 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from service.config.sections import PlanSection
-from service.daemon.changing import reconfigure
 from service.daemon.desk import Desk
 from service.daemon.renewal import reconfigure
 from service.daemon.verb import Answer, Command, Place, Reply, Verb

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from service.messages.encoding import fused_points
 from service.messages.map import FusedMap
 from service.messages.ros.topics import FUSED_CLOUD, POINT_CLOUD
 from service.messages.ros.transforms import FUSED
 from service.messages.ros.types import RosMessage, RosTypes
+from service.messages.viewing import fused_points
 
 FIELDS = ("x", "y", "z", "intensity", "deviation")
 _FLOAT32 = 7
