@@ -22,7 +22,8 @@ from service.fusion.streams import Stream
 from service.jobs.export import clouds, frame_arrays
 from service.jobs.quick_look import draw_frames
 from service.messages.burst import Burst
-from service.messages.encoding import fused_messages, points_message
+from service.messages.encoding import fused_messages
+from service.messages.viewing import points_message
 from service.planning.check import exposure_of
 from service.sinks.drawing import write_preview
 
