@@ -14,6 +14,15 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = [
+    *ROOT.glob("*.md"),
+    *(
+        path
+        for folder in ("solver", "drivers", "service", "deploy")
+        for path in (ROOT / folder).rglob("*.md")
+    ),
+]
+SUBSCRIBERS = (ROOT / "service" / "messages" / "README.md").read_text(encoding="utf-8")
 
 
 def commands(section: str) -> list[str]:
@@ -33,15 +42,25 @@ def test_ci_runs_the_test_command_word_for_word() -> None:
     assert commands("Two commands")[1] in (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
 
 
-def test_files_that_are_named_exist() -> None:
-    linked = re.findall(r"\]\(([^)#:]+)\)", README)
-    assert linked
-    assert [name for name in linked if not (ROOT / name).exists()] == []
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_files_that_are_named_exist(page: Path) -> None:
+    linked = re.findall(r"\]\(([^)#:]+)\)", page.read_text(encoding="utf-8"))
+    assert [name for name in linked if not (page.parent / name.replace("\\", "")).exists()] == []
 
 
-def example(kind: str) -> str:
-    """The Python block of the README that is marked so."""
-    (block,) = re.findall(rf"```{kind}\n(.*?)```", README, flags=re.S)
+def test_every_page_can_be_reached() -> None:
+    """From the README, in one step or two."""
+    seen = {ROOT / "README.md"}
+    for _ in range(2):
+        for page in list(seen):
+            linked = re.findall(r"\]\(([^)#:]+\.md)\)", page.read_text(encoding="utf-8"))
+            seen |= {(page.parent / name).resolve() for name in linked}
+    assert {page.resolve() for page in PAGES} - seen - {ROOT / "CHANGELOG.md"} == set()
+
+
+def example(kind: str, page: str = README) -> str:
+    """The Python block of a page that is marked so."""
+    (block,) = re.findall(rf"```{kind}\n(.*?)```", page, flags=re.S)
     return str(block)
 
 
@@ -77,10 +96,18 @@ def endpoint(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         service.wait(30)
 
 
-@pytest.mark.parametrize("kind", ["python client", "python zenoh", "python command"])
-def test_the_examples_with_a_running_service_run(kind: str, endpoint: str) -> None:
+@pytest.mark.parametrize(
+    ("kind", "page"),
+    [
+        ("python zenoh", README),
+        ("python command", README),
+        ("python client", SUBSCRIBERS),
+        ("python zenoh", SUBSCRIBERS),
+    ],
+)
+def test_the_examples_with_a_running_service_run(kind: str, page: str, endpoint: str) -> None:
     """The endpoint that they have by default is replaced."""
-    code = example(kind).replace("Client()", f'Client("{endpoint}")')
+    code = example(kind, page).replace("Client()", f'Client("{endpoint}")')
     code = code.replace("tcp/127.0.0.1:7447", endpoint)
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
@@ -92,4 +119,4 @@ def test_the_examples_with_a_running_service_run(kind: str, endpoint: str) -> No
 def test_the_table_of_commands_is_the_one_that_holds() -> None:
     from service.daemon.commands import command_table
 
-    assert command_table() in README
+    assert command_table() in SUBSCRIBERS

@@ -40,7 +40,7 @@ def blueprint() -> Any:
             for part in ("buffer", "format")
         ]
     )
-    mapped = {"/fused/depth_mm": depth}
+    mapped: Any = {"/fused/depth_mm": depth}
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Spatial3DView(

@@ -7,16 +7,26 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryFile
 from threading import Condition
-from typing import Any
+from typing import IO
 
 import zenoh
 from mcap.writer import CompressionType, Writer
 
+from drivers.messages import CAMERA_AMPLITUDE, CAMERA_CALIBRATION, STAGE_TRANSFORM
 from service.errors import RemoteError, ServiceError
 from service.jobs.rerun_blueprint import blueprint, rerun
 from service.messages.schemas import topic_schemas
-from service.messages.topics import TOPICS
+from service.messages.topics import (
+    FUSED_CALIBRATION,
+    FUSED_DEPTH_MM,
+    FUSED_REPORT,
+    FUSED_TRANSFORM,
+    LOG,
+    STATUS,
+    TOPICS,
+)
 from service.wire.session import open_session
 
 _START = 60.0
@@ -34,8 +44,18 @@ _BEAT = 0.25
 _MOST = 400
 """Messages that wait; the oldest go."""
 
-_LIVE = tuple(topic for topic in topic_schemas() if topic not in ("fused/depth", "fused/deviation"))
-"""What is shown live: maps once, in millimetres."""
+_LIVE = (
+    CAMERA_AMPLITUDE,
+    CAMERA_CALIBRATION,
+    STAGE_TRANSFORM,
+    FUSED_CALIBRATION,
+    FUSED_TRANSFORM,
+    FUSED_DEPTH_MM,
+    FUSED_REPORT,
+    STATUS,
+    LOG,
+)
+"""What is shown live: of a map the depth in millimetres alone, for all of it is eight times as much."""
 
 Sample = tuple[str, bytes, int]
 """Topic, payload, and when it came, ns since the epoch."""
@@ -52,15 +72,18 @@ class Viewer:
     def __init__(self, process: "subprocess.Popen[bytes]", port: int) -> None:
         self._process = process
         self._url = f"rerun+http://127.0.0.1:{port}/proxy"
-        rr = rerun()
-        rr.init("lidarboost")
-        rr.connect_grpc(self._url)
-        rr.send_blueprint(blueprint())
+        self._shown = rerun().RecordingStream("lidarboost")
+        self._shown.connect_grpc(self._url)
+        self._shown.send_blueprint(blueprint())
 
     @property
     def is_open(self) -> bool:
         """Whether nobody has closed it yet."""
         return self._process.poll() is None
+
+    def close(self) -> None:
+        """Let go of it, while it listens yet."""
+        self._shown.disconnect()
 
     def wait(self) -> None:
         """Until it is closed."""
@@ -68,11 +91,11 @@ class Viewer:
 
     def show(self, path: Path) -> None:
         """Show a recording."""
-        rerun().log_file_from_path(path)
+        self._shown.log_file_from_path(path)
 
     def show_messages(self, samples: Sequence[Sample]) -> None:
         """Show messages that just came."""
-        rerun().log_file_from_contents("live.mcap", mcap_of(samples))
+        self._shown.log_file_from_contents("live.mcap", mcap_of(samples))
 
     def save_picture(self, path: Path) -> None:
         """Save what it shows as PNG, once it has loaded all of it.
@@ -82,10 +105,10 @@ class Viewer:
         """
         from rerun.experimental import ViewerClient
 
-        rerun().get_global_data_recording().flush()
+        self._shown.flush()
         client = ViewerClient.connect(self._url)
         deadline = time.monotonic() + _LOADING
-        while (state := client.viewer_state()).loading or not any(r.timelines for r in state.recordings):
+        while (state := client.get_state()).loading or not any(r.timelines for r in state.recordings):
             if time.monotonic() > deadline:
                 raise ServiceError(f"the viewer did not load everything within {_LOADING:g} s")
             time.sleep(_BEAT)
@@ -108,14 +131,15 @@ def viewer(*, headless: bool = False) -> Iterator[Viewer]:
         port = probe.getsockname()[1]
     command = [str(Path(rerun_cli.__file__).with_name("rerun")), "--bind", "127.0.0.1", "--port", str(port)]
     command += ["--hide-welcome-screen", *(["--headless"] if headless else ["--expect-data-soon"])]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-    try:
-        _await(process, port)
-        yield Viewer(process, port)
-        rerun().disconnect()
-    finally:
-        process.terminate()
-        process.wait()
+    with ExitStack() as stack:
+        said = stack.enter_context(TemporaryFile())
+        process = subprocess.Popen(command, stdout=said, stderr=said)
+        stack.callback(process.wait)
+        stack.callback(process.terminate)
+        _await(process, port, said)
+        shown = Viewer(process, port)
+        stack.callback(shown.close)
+        yield shown
 
 
 def show_live(shown: Viewer, endpoint: str, prefix: str, timeout: float, *, maps: int | None = None) -> None:
@@ -137,7 +161,7 @@ def show_live(shown: Viewer, endpoint: str, prefix: str, timeout: float, *, maps
             samples = arrived.wait(_BEAT)
             if samples:
                 shown.show_messages(samples)
-                seen += sum(topic == "fused/depth_mm" for topic, _, _ in samples)
+                seen += sum(topic == FUSED_DEPTH_MM for topic, _, _ in samples)
 
 
 def mcap_of(samples: Sequence[Sample]) -> bytes:
@@ -153,7 +177,7 @@ def mcap_of(samples: Sequence[Sample]) -> bytes:
             kind = "protobuf" if schema.encoding == "protobuf" else "json"
             channels[topic] = writer.register_channel(f"/{topic}", kind, number)
         writer.add_message(channels[topic], at, payload, at)
-    writer.finish()
+    writer.finish()  # type: ignore[no-untyped-call]
     return stream.getvalue()
 
 
@@ -197,12 +221,13 @@ def _ask_latest(session: zenoh.Session, prefix: str, arrived: _Arrived, timeout:
                         found = True
 
 
-def _await(process: "subprocess.Popen[bytes]", port: int) -> None:
+def _await(process: "subprocess.Popen[bytes]", port: int, told: IO[bytes]) -> None:
     deadline = time.monotonic() + _START
     while time.monotonic() < deadline:
         if process.poll() is not None:
-            said: Any = process.stderr.read().decode(errors="replace") if process.stderr else ""
-            last = next((line for line in reversed(said.splitlines()) if line.strip()), "it said nothing")
+            told.seek(0)
+            said = told.read().decode(errors="replace").splitlines()
+            last = next((line for line in reversed(said) if line.strip()), "it said nothing")
             raise ServiceError(f"the viewer ended at once: {last}")
         with socket.socket() as probe:
             if probe.connect_ex(("127.0.0.1", port)) == 0:

@@ -1,4 +1,4 @@
-"""Everything that is published or asked for: the one table that publisher, recorder, README and tests read.
+"""Everything that is published: the one table that publisher, recorder, documentation and tests read.
 
 Zenoh key = `<prefix>/<topic>`; topic in a recording = `/<topic>`; the bytes are the same.
 """
@@ -252,7 +252,7 @@ TOPICS: dict[str, Topic] = {row.name: row for row in _ROWS}
 
 
 def topic_table() -> str:
-    """The table as Markdown, as it stands in the README."""
+    """The table as Markdown, as it stands on the page for subscribers."""
     lines = ["| topic | schema | when | recorded | full link | latest | what |", "|" + "---|" * 7]
     for row in _ROWS:
         cells = (

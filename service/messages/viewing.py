@@ -78,13 +78,17 @@ def fused_points(result: FusedMap, every: int = 1) -> NDArray[np.float32]:
     """(P, 5) float32: x, y, z in metres, amplitude and deviation of each known pixel, or each `every`-th."""
     first = every // 2
     picked = np.s_[first::every, first::every]
-    finite = np.isfinite(result.distance[picked]).ravel()
+    K = result.intrinsics.copy()
+    K[:2, 2] = (K[:2, 2] - first) / every
+    K[0, 0] /= every
+    K[1, 1] /= every
+    depth = result.depth[picked]
+    finite = np.isfinite(depth).ravel()
     # Picking out all of them would take longer than all else.
     known = slice(None) if finite.all() else np.flatnonzero(finite)
-    lens = result.calibration.distortion or None
-    rays = pixel_rays(result.depth.shape, result.intrinsics, lens)[picked].reshape(-1, 2)[known]
+    rays = pixel_rays(depth.shape, K, result.calibration.distortion or None).reshape(-1, 2)[known]
     points = np.empty((len(rays), len(POINT_FIELDS)), dtype=np.float32)
-    points[:, 2] = result.depth[picked].ravel()[known]
+    points[:, 2] = depth.ravel()[known]
     points[:, :2] = rays * points[:, 2:3]
     points[:, 3] = np.nan if result.amplitude is None else result.amplitude[picked].ravel()[known]
     points[:, 4] = result.deviation[picked].ravel()[known]
@@ -110,9 +114,9 @@ def depth_mm_message(result: FusedMap) -> Message:
             ),
             np.float32,
         )
-    with np.errstate(invalid="ignore"):
-        known = (metres > 0) & (metres < (_MOST_MILLIMETRES + 0.5) / 1000)
-    millimetres = np.where(known, np.rint(np.where(known, metres, 0) * 1000), 0).astype(np.uint16)
+    scaled = np.nan_to_num(metres, nan=0.0, posinf=0.0, neginf=0.0) * np.float32(1000) + np.float32(0.5)
+    scaled[(scaled < 0) | (scaled >= _MOST_MILLIMETRES + 1)] = 0
+    millimetres = scaled.astype(np.uint16)
     at = result.frame.timestamp, result.frame.sequence
     return image_message(FUSED_DEPTH_MM, millimetres, "16UC1", FUSED_FRAME_ID, *at)
 

@@ -21,6 +21,7 @@ from mcap.reader import make_reader
 
 from drivers.poses import relative_rotations
 from drivers.recording import open_recording
+from service.messages.viewing import ON_DEMAND
 from solver import FusionOptions, fuse
 from solver.geometry import depth_from_distance
 
@@ -107,6 +108,7 @@ def test_a_subscriber_receives_what_is_recorded_byte_for_byte(once: Pass) -> Non
     assert {"fused/depth", "fused/deviation", "fused/calibration", "fused/report"} <= maps
     for topic in maps:
         assert len(once.recorded[topic]) == 1
+    for topic in maps - set(ON_DEMAND):  # those may come after the report, with which the listener ends
         assert once.told[topic]["sha256"] == hashlib.sha256(once.recorded[topic][0]).hexdigest()
 
 
@@ -116,7 +118,7 @@ def test_the_subscriber_decodes_a_map_that_fits_its_recording(once: Pass) -> Non
         once.told[topic] for topic in ("fused/depth", "fused/calibration", "fused/report")
     )
     assert depth["shape"] == calibration["shape"] == [576, 704]
-    assert depth["frame_id"] == calibration["frame_id"] == "camera"
+    assert depth["frame_id"] == calibration["frame_id"] == "fused"
     assert {depth["timestamp"], calibration["timestamp"]} == {frames[0].timestamp}
     assert calibration["K"] == pytest.approx([800, 0, 351.5, 0, 800, 287.5, 0, 0, 1])
     assert report["json"]["frames"] == 15

@@ -6,8 +6,16 @@ import { pathToFileURL } from "node:url";
 const [modules, path] = process.argv.slice(2);
 const load = (name) => import(pathToFileURL(createRequire(`${modules}/`).resolve(name)).href);
 const { McapIndexedReader } = await load("@mcap/core");
-const { loadDecompressHandlers, parseChannel } = await load("@mcap/support");
+const { loadDecompressHandlers, protobufFromBinaryDescriptor } = await load("@mcap/support");
 const { FileHandleReadable } = await load("@mcap/nodejs");
+
+function decoderOf(channel, schema) {
+  if (channel.messageEncoding === "json") {
+    return (data) => JSON.parse(new TextDecoder().decode(data));
+  }
+  const type = protobufFromBinaryDescriptor(schema.data).lookupType(schema.name);
+  return (data) => type.decode(data);
+}
 
 const file = await open(path, "r");
 const reader = await McapIndexedReader.Initialize({
@@ -19,13 +27,12 @@ const found = {};
 for await (const message of reader.readMessages()) {
   const channel = reader.channelsById.get(message.channelId);
   if (!decoders.has(message.channelId)) {
-    const schema = reader.schemasById.get(channel.schemaId);
-    decoders.set(message.channelId, parseChannel({ messageEncoding: channel.messageEncoding, schema }).deserialize);
+    decoders.set(message.channelId, decoderOf(channel, reader.schemasById.get(channel.schemaId)));
   }
   const value = decoders.get(message.channelId)(message.data);
   const entry = (found[channel.topic] ??= { count: 0 });
   entry.count += 1;
-  entry.frame = value.frame_id ?? value.child_frame_id ?? null;
+  entry.frame = value.frame_id || value.child_frame_id || null;
   entry.encoding = value.encoding ?? null;
   entry.bytes = value.data?.byteLength ?? null;
 }

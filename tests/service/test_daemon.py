@@ -281,20 +281,6 @@ def test_an_idle_service_captures_nothing_until_it_is_asked(configure) -> None:
     assert len(seen) >= 1
 
 
-def test_a_newcomer_adds_a_sink_in_one_file(
-    configure, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As CONTRIBUTING.md says."""
-    page = (Path(__file__).parents[2] / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    code = page.split("```python\n", 1)[1].split("```", 1)[0]
-    (tmp_path / "depth_log.py").write_text(code)
-    monkeypatch.syspath_prepend(tmp_path)
-    options = {"path": str(tmp_path / "depths.txt")}
-    settings = configure(sinks={"depths": {"kind": "depth_log:DepthLog", "options": options}})
-    run_service(settings, rig(), once=True)
-    assert float((tmp_path / "depths.txt").read_text()) == pytest.approx(20_000 * 7.5 / 65536, abs=0.01)
-
-
 @pytest.mark.parametrize(
     ("section", "said"),
     [

@@ -9,8 +9,8 @@ from service.messages.topics import TOPICS, Congestion, topic_table
 ROOT = Path(__file__).parents[2]
 
 
-def test_the_readme_shows_the_table() -> None:
-    assert topic_table() in (ROOT / "README.md").read_text(encoding="utf-8")
+def test_the_page_for_subscribers_shows_the_table() -> None:
+    assert topic_table() in (ROOT / "service" / "messages" / "README.md").read_text(encoding="utf-8")
 
 
 def test_json_topics_name_the_schemas_of_their_models() -> None:

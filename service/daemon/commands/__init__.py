@@ -16,7 +16,7 @@ def commands() -> dict[str, Command]:
 
 
 def command_table() -> str:
-    """The table as Markdown, as it stands in the README."""
+    """The table as Markdown, as it stands on the page for subscribers."""
     lines = ["| command | actions | what |", "|---|---|---|"]
     for command in commands().values():
         actions = ", ".join(f"`{action}`" for action in command.actions)

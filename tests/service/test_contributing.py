@@ -1,0 +1,88 @@
+"""What CONTRIBUTING.md says is all that there is to do."""
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers import backends, make_camera, make_stage
+from drivers.clock import VirtualClock
+from drivers.recording import open_recording
+from service.capture.rig import make_rig
+from service.config.file import load
+from service.daemon.run import run_service
+from service.jobs.export import fused_maps
+from solver import FusionOptions, fuse, methods
+
+Write = Callable[[str, str], str]
+
+SETTINGS = {"integration_time": 1e-3}
+PAGE = (Path(__file__).parents[2] / "CONTRIBUTING.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
+    """Puts the page's example of a kind where Python finds it; returns the module's name."""
+
+    def written(kind: str, module: str) -> str:
+        (code,) = re.findall(rf"```python {kind}\n(.*?)```", PAGE, flags=re.S)
+        (tmp_path / f"{module}.py").write_text(code)
+        monkeypatch.syspath_prepend(tmp_path)
+        return module
+
+    return written
+
+
+def test_a_newcomer_adds_a_camera_a_stage_and_a_sink(
+    write: Write, tmp_path: Path, endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(backends.CAMERAS, "wall", (write("camera", "wall_camera"), "WallCamera"))
+    monkeypatch.setitem(backends.STAGES, "model", (write("stage", "model_stage"), "ModelStage"))
+    zenoh = tmp_path / "zenoh.json5"
+    zenoh.write_text(json.dumps({"listen": {"endpoints": [endpoint]}}))
+    sink = {"kind": f"{write('sink', 'depth_log')}:DepthLog", "options": {"path": str(tmp_path / "depths")}}
+    settings = load(
+        None,
+        {
+            "camera": {
+                "backend": "wall",
+                "options": {"distance": 3.0},
+                "settings": {"integration_time": 1e-3},
+            },
+            "stage": {"backend": "model", "options": {"speed": 300.0, "acceleration": 3600.0}, "settle": 0.0},
+            "fusion": {"method": "nearest", "frames": 3, "register_poses": False},
+            "zenoh": {"config": str(zenoh)},
+            "sinks": {"depths": sink},
+        },
+    )
+    run_service(settings, make_rig(settings), output=tmp_path / "out", once=True)
+    assert float((tmp_path / "depths").read_text()) == pytest.approx(3.0 * 0.85, rel=0.15)
+    (found,) = fused_maps(open_recording(tmp_path / "out" / "fused.mcap"))
+    middle = found["depth"][288, 352]
+    assert middle == pytest.approx(3.0, abs=0.01)
+
+
+def test_the_stage_is_where_it_was_sent(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(backends.CAMERAS, "wall", (write("camera", "wall_camera"), "WallCamera"))
+    monkeypatch.setitem(backends.STAGES, "model", (write("stage", "model_stage"), "ModelStage"))
+    clock = VirtualClock(1_700_000_000 * 10**9)
+    with make_stage("model", clock=clock) as stage, make_camera("wall", {"distance": 3.0}, clock) as camera:
+        stage.move_to(0.2, -0.1)
+        stage.wait()
+        assert (stage.position.pan, stage.position.tilt) == (0.2, -0.1)
+        camera.start()
+        first, second = camera.grab(), camera.grab()
+        assert second.sequence == first.sequence + 1
+        np.testing.assert_allclose(first.distance, 3.0, atol=1e-3)
+
+
+def test_a_newcomer_adds_a_method(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(methods.METHODS, "average", write("method", "average"))
+    frames = np.stack([np.full((8, 8), 2.0), np.full((8, 8), 2.2)])
+    options = FusionOptions(method="average", upsampling=2)  # type: ignore[arg-type]
+    fused = fuse(frames, options=options, shifts=np.zeros((2, 2)))
+    np.testing.assert_allclose(fused.distance, 2.1, atol=1e-6)
+    assert fused.report.method == "average"
