@@ -93,7 +93,9 @@ class Scanning:
 
     def __init__(self, daemon: Daemon, *, asked: bool = False, resumes: bool = False) -> None:
         self._daemon, self.rig, self.asked, self._resumes = daemon, daemon.rig, asked, resumes
-        self.reason = "bursts as recorded" if daemon.carries_pose else "bursts by the plan"
+        self.reason = "bursts by the plan"
+        if daemon.carries_pose:
+            self.reason = "bursts as recorded" if daemon.is_replayed else "bursts of another rig"
         if asked:
             self.reason = "a burst that was asked for"
 
