@@ -10,7 +10,9 @@ from pathlib import Path
 from starlette.requests import Request
 from starlette.responses import Response
 
-_FOLDERS = ("static", "vendor")
+_FOLDERS = {"static": "**/*", "vendor": "*"}
+"""What of each is served; what only tests use lies deeper in `vendor`."""
+
 _ROOT = Path(__file__).parent
 
 _TYPES = {
@@ -54,8 +56,8 @@ class Asset:
 def assets() -> Mapping[str, Asset]:
     """Every file by its path in a URL, such as `static/app.js`."""
     found = {}
-    for folder in _FOLDERS:
-        for path in sorted((_ROOT / folder).rglob("*")):
+    for folder, which in _FOLDERS.items():
+        for path in sorted((_ROOT / folder).glob(which)):
             if path.is_file() and path.suffix in _TYPES:
                 found[path.relative_to(_ROOT).as_posix()] = _asset(path)
     return found

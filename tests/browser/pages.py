@@ -6,7 +6,7 @@ from typing import Any, Self
 
 import pytest
 
-AXE = Path(__file__).parent / "vendor" / "axe.min.js"
+AXE = Path(__file__).parents[2] / "service" / "web" / "vendor" / "testing" / "axe.min.js"
 
 _FLAGS = ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--hide-scrollbars")
 

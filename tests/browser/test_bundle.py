@@ -8,16 +8,18 @@ import re
 import pytest
 from rigs import ROOT
 
+from service.web.assets import assets
+
 STATIC, VENDOR = ROOT / "service" / "web" / "static", ROOT / "service" / "web" / "vendor"
 MOST = 1_500_000
 SCRIPTS = sorted(STATIC.rglob("*.js"))
 
 
 def test_the_page_is_light() -> None:
-    served = {".js", ".css", ".html", ".svg"}
-    files = [path for folder in (STATIC, VENDOR) for path in folder.rglob("*") if path.suffix in served]
-    assert len(files) > 30
-    assert sum(len(gzip.compress(path.read_bytes())) for path in files) < MOST / 10
+    served = [asset.content for asset in assets().values()]
+    assert len(served) > 30
+    assert sum(len(gzip.compress(content)) for content in served) < MOST / 10
+    assert not [path for path in assets() if "axe" in path]
 
 
 def test_the_bundled_libraries_are_what_they_are_said_to_be() -> None:
