@@ -95,7 +95,7 @@ def fuse(
         raise typer.BadParameter("--workers are processes here, --cluster is elsewhere: choose one of them")
     _check(inputs, out, output, force)
     flags = {"method": method, "upsampling": upsampling, "regularization": regularization, "frames": frames}
-    given = {"fusion": {key: value for key, value in flags.items() if value is not None}}
+    given: dict[str, object] = {"fusion": {key: value for key, value in flags.items() if value is not None}}
     make = _task_maker(config, preset, given, out, output, remote=cluster is not None)
     paths = recordings_among(inputs)
     if out is not None and len(paths) > 1:
@@ -130,7 +130,7 @@ def _check(inputs: Sequence[Path], out: Path | None, output: Path | None, force:
 def _task_maker(
     config: Path | None,
     preset: str | None,
-    given: dict[str, dict[str, object]],
+    given: dict[str, object],
     out: Path | None,
     output: Path | None,
     *,

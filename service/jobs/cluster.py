@@ -4,15 +4,12 @@ import uuid
 from collections.abc import Iterator, Sequence
 from queue import Empty, Queue
 from time import monotonic
-from typing import TYPE_CHECKING
+from typing import Any
 
 from service.errors import ClusterError
 from service.jobs.task import FileResult, FuseTask, attempted, failed
 from service.jobs.threads import solver_threads
 from service.processes.cluster import connected, workers_of
-
-if TYPE_CHECKING:
-    from distributed import Client, Future
 
 _LOOK = 5.0
 """Seconds without a result after which the scheduler is asked whether it is there."""
@@ -32,7 +29,7 @@ def fuse_on_cluster(tasks: Sequence[FuseTask], address: str) -> Iterator[FileRes
     """
     with connected(address) as client:
         run = uuid.uuid4().hex
-        done: Queue[Future] = Queue()
+        done: Queue[Any] = Queue()
         waiting: dict[str, FuseTask] = {}
         futures = []  # one that nobody holds is given up
         for number, task in enumerate(tasks):
@@ -53,7 +50,7 @@ def fuse_alone(task: FuseTask) -> FileResult:
         return attempted(task)
 
 
-def _next(done: "Queue[Future]", client: "Client", address: str) -> "Future":
+def _next(done: Queue[Any], client: Any, address: str) -> Any:
     seen = monotonic()
     while True:
         try:
@@ -65,7 +62,7 @@ def _next(done: "Queue[Future]", client: "Client", address: str) -> "Future":
                 raise ClusterError(f"{address}: the cluster has had no worker for {_LONELY:g} s") from None
 
 
-def _result(future: "Future", task: FuseTask) -> FileResult:
+def _result(future: Any, task: FuseTask) -> FileResult:
     if future.status == "finished":
         result: FileResult = future.result()
         return result

@@ -6,13 +6,10 @@ from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from queue import Empty, Queue
 from threading import Thread
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from service.errors import ClusterError
 from service.versions import software_version
-
-if TYPE_CHECKING:
-    from distributed import Client
 
 _LIMIT = 20.0
 """Seconds for a scheduler to answer: some for a busy one, few for whoever has mistyped its address."""
@@ -21,8 +18,8 @@ T = TypeVar("T")
 
 
 @contextmanager
-def connected(address: str, limit: float = _LIMIT) -> Iterator["Client"]:
-    """A client of the scheduler at an address such as `tcp://10.0.0.7:8786`.
+def connected(address: str, limit: float = _LIMIT) -> Iterator[Any]:
+    """A `distributed.Client` of the scheduler at an address such as `tcp://10.0.0.7:8786`.
 
     Raises:
         ClusterError: the library is not installed, nobody answers, there are no workers, or one of them has
@@ -30,13 +27,21 @@ def connected(address: str, limit: float = _LIMIT) -> Iterator["Client"]:
     """
     try:
         from distributed import Client
+        from distributed.comm.addressing import get_address_host_port
     except ImportError as error:
         raise ClusterError(
             "a cluster needs the library distributed, which is not installed: "
             "pip install 'lidarboost[cluster]'"
         ) from error
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is said here, in one line
-    client = within(limit, address, lambda: Client(address, timeout=limit / 2, set_as_default=False))
+    try:
+        get_address_host_port(address)
+    except ValueError as error:
+        raise ClusterError(
+            f"{address!r} is no address of a scheduler ({error}); expected one such as tcp://10.0.0.7:8786"
+        ) from error
+    make: Any = Client  # not typed
+    client = within(limit, address, lambda: make(address, timeout=limit / 2, set_as_default=False))
     try:
         if not workers_of(client, address, limit):
             raise ClusterError(
@@ -49,9 +54,9 @@ def connected(address: str, limit: float = _LIMIT) -> Iterator["Client"]:
             within(limit, address, lambda: client.close(timeout=limit / 4))
 
 
-def workers_of(client: "Client", address: str, limit: float = _LIMIT) -> int:
+def workers_of(client: Any, address: str, limit: float = _LIMIT) -> int:
     """How many workers there are; raises `ClusterError` where the scheduler does not answer."""
-    said: Any = within(limit, address, lambda: client.sync(client.scheduler.identity, n_workers=-1))
+    said = within(limit, address, lambda: client.sync(client.scheduler.identity, n_workers=-1))
     return len(said["workers"])
 
 
@@ -84,7 +89,7 @@ def _reason(error: BaseException) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0].rstrip(".")
 
 
-def _check_versions(client: "Client", address: str, limit: float) -> None:
+def _check_versions(client: Any, address: str, limit: float) -> None:
     """Ask by the standard library alone: what is ours may not even be there, or not be understood."""
     said: dict[str, Any] = within(
         limit, address, lambda: client.run(version, "lidarboost", on_error="return")
