@@ -60,6 +60,7 @@ def test_an_edge_has_no_say() -> None:
     assert np.abs(slope(padded(step), edge=1.0)).max() < 0.01
 
 
+@pytest.mark.slow
 def test_the_gap_closes_with_a_slope_too() -> None:
     """Iteration and certificate agree on what the slope foretells: both bounds meet at the optimum."""
     rng = np.random.default_rng(5)
