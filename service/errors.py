@@ -31,6 +31,10 @@ class ClusterError(ServiceError):
     """A cluster cannot be used, or is gone: no answer, no workers, another version of this on them."""
 
 
+class ClusterLostError(ClusterError):
+    """A cluster went away after work was sent there."""
+
+
 class OutputError(ServiceError):
     """A file could not be written: no space, no permission, or it exists already."""
 

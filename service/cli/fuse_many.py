@@ -6,7 +6,7 @@ from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from service.errors import ClusterError
+from service.errors import ClusterLostError
 
 if TYPE_CHECKING:
     from service.jobs.task import FileResult, FuseTask
@@ -18,7 +18,7 @@ def fuse_many(
     """Fuse in a pool of processes, or on a cluster; what became of each, in the order of the tasks.
 
     Raises:
-        ClusterError: the cluster cannot be used, and nothing was fused.
+        ClusterError: the cluster cannot be used.
     """
     from service.jobs.task import failed
 
@@ -30,9 +30,7 @@ def fuse_many(
                 done[result.input] = result
                 tell(result, quiet=quiet)
                 advance()
-        except ClusterError as error:
-            if not done:
-                raise
+        except ClusterLostError as error:
             lost = error
     if lost is not None:
         left = [task for task in tasks if str(task.path) not in done]

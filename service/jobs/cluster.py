@@ -2,17 +2,21 @@
 
 import uuid
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from queue import Empty, Queue
 from time import monotonic
 from typing import Any
 
-from service.errors import ClusterError
+from service.errors import ClusterError, ClusterLostError
 from service.jobs.task import FileResult, FuseTask, attempted, failed
 from service.jobs.threads import solver_threads
-from service.processes.cluster import connected, workers_of
+from service.processes.cluster import connected, within, workers_of
 
 _LOOK = 5.0
 """Seconds without a result after which the scheduler is asked whether it is there."""
+
+_LIMIT = 30.0
+"""Seconds for a result, which is some kilobytes, to arrive."""
 
 _LONELY = 120.0
 """Seconds without any worker after which nobody waits for one."""
@@ -25,7 +29,8 @@ def fuse_on_cluster(tasks: Sequence[FuseTask], address: str) -> Iterator[FileRes
     fails. Every worker has to see the files under the same paths.
 
     Raises:
-        ClusterError: as `connected`; also where the scheduler, or every worker, goes away meanwhile.
+        ClusterError: as `connected`.
+        ClusterLostError: the scheduler, or every worker, went away meanwhile.
     """
     with connected(address) as client:
         run = uuid.uuid4().hex
@@ -38,10 +43,10 @@ def fuse_on_cluster(tasks: Sequence[FuseTask], address: str) -> Iterator[FileRes
             futures.append(client.submit(fuse_alone, task, key=key, pure=False))
             futures[-1].add_done_callback(done.put)
         while waiting:
-            future = _next(done, client, address)
-            if future.status == "cancelled":
-                raise ClusterError(f"{address}: the connection to the scheduler was lost")
-            yield _result(future, waiting.pop(future.key))
+            with _loss_told():
+                future = _next(done, client, address)
+                result = _result(future, waiting.pop(future.key), address)
+            yield result
 
 
 def fuse_alone(task: FuseTask) -> FileResult:
@@ -62,9 +67,20 @@ def _next(done: Queue[Any], client: Any, address: str) -> Any:
                 raise ClusterError(f"{address}: the cluster has had no worker for {_LONELY:g} s") from None
 
 
-def _result(future: Any, task: FuseTask) -> FileResult:
+@contextmanager
+def _loss_told() -> Iterator[None]:
+    try:
+        yield
+    except ClusterError as error:
+        raise ClusterLostError(str(error)) from error
+
+
+def _result(future: Any, task: FuseTask, address: str) -> FileResult:
+    """What came of it; it is a worker that holds it, and the scheduler through which it is asked for."""
+    if future.status == "cancelled":
+        raise ClusterError(f"{address}: the connection to the scheduler was lost")
     if future.status == "finished":
-        result: FileResult = future.result()
+        result: FileResult = within(_LIMIT, address, future.result)
         return result
-    error = future.exception()
+    error = within(_LIMIT, address, future.exception)
     return failed(task, f"{task.path}: the worker failed over it ({type(error).__name__}: {error})")

@@ -14,6 +14,9 @@ from service.versions import software_version
 _LIMIT = 20.0
 """Seconds for a scheduler to answer: some for a busy one, few for whoever has mistyped its address."""
 
+_TALKATIVE = ("distributed", "distributed.client", "tornado.application", "asyncio")
+"""Loggers that tell of a lost scheduler by tracebacks."""
+
 T = TypeVar("T")
 
 
@@ -33,7 +36,8 @@ def connected(address: str, limit: float = _LIMIT) -> Iterator[Any]:
             "a cluster needs the library distributed, which is not installed: "
             "pip install 'lidarboost[cluster]'"
         ) from error
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is said here, in one line
+    for name in _TALKATIVE:  # what matters is said here, in one line
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         get_address_host_port(address)
     except ValueError as error:

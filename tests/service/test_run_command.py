@@ -248,12 +248,14 @@ def test_fuse_writes_the_same_maps_each_time(small: Path, tmp_path: Path) -> Non
     assert result.exit_code == 0, result.stderr
     (found,) = json.loads(result.stdout)
     assert [b["report"]["burst"] for b in found["bursts"]] == [0, 1, 2]
+    fused = Path(found["output"])
+    stem = fused.name.removesuffix("-fused.mcap")
     names = sorted(path.name for path in (tmp_path / "out").iterdir())
-    assert names == [f"small-burst-000{k}.png" for k in range(3)] + ["small-fused.mcap"]
+    assert names == [f"{stem}-burst-000{k}.png" for k in range(3)] + [fused.name]
     assert lidarboost("fuse", small, "-o", tmp_path / "again.mcap").exit_code == 0
     first, again = (
         [(m.topic, m.payload, at) for m, at in open_recording(path).messages() if m.topic != "fused/report"]
-        for path in (tmp_path / "out" / "small-fused.mcap", tmp_path / "again.mcap")
+        for path in (fused, tmp_path / "again.mcap")
     )
     assert first == again
 
