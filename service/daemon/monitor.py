@@ -37,7 +37,7 @@ class Monitor:
     ) -> None:
         self._rig, self._capture, self._daemon = rig, capture, daemon
         self._executor, self._bus = executor, bus
-        self._began = time.monotonic()
+        self._began = time.monotonic() - daemon.states.seconds  # it has been starting for so long
         self._seen = -1
         self._error: LastError | None = None
 
