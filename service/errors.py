@@ -27,6 +27,10 @@ class HungError(WorkerError):
     """A worker gave no answer in time."""
 
 
+class ClusterError(ServiceError):
+    """A cluster cannot be used, or is gone: no answer, no workers, another version of this on them."""
+
+
 class OutputError(ServiceError):
     """A file could not be written: no space, no permission, or it exists already."""
 

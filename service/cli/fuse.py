@@ -1,10 +1,10 @@
 """`lidarboost fuse`: recordings in, fused maps out, with no service running."""
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,22 +12,28 @@ from service.cli.preset import PresetOption, configured
 from solver.options import Method
 
 if TYPE_CHECKING:
-    from service.config.sections import Configuration
     from service.jobs.fuse import Announce
+    from service.jobs.task import FileResult, FuseTask
     from service.messages.burst import Burst
     from service.messages.summary import BurstSummary
     from solver.result import Progress as Iterated
 
+_MANY = "Many recordings"
+
 
 def fuse(
-    inputs: Annotated[list[Path], typer.Argument(metavar="IN...", help="Recordings, MCAP.")],
+    inputs: Annotated[
+        list[Path],
+        typer.Argument(metavar="IN...", help="Recordings, MCAP, or folders of them."),
+    ],
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="Write frames and maps to this file (one IN).")
     ] = None,
     output: Annotated[
         Path | None,
         typer.Option(
-            help="Directory: for each IN, NAME-fused.mcap and a picture of every burst; never written over."
+            help="Directory: for each IN, NAME-DIGEST-fused.mcap and a picture of every burst; the digest is "
+            "of content and settings, and what is there already is not done again."
         ),
     ] = None,
     method: Annotated[Method | None, typer.Option(help="Which fusion.", show_default="auto")] = None,
@@ -43,6 +49,21 @@ def fuse(
         Path | None, typer.Option(help="Configuration, TOML: sections camera and fusion.")
     ] = None,
     preset: PresetOption = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            min=1, max=1024, help="Processes here.", show_default="one per core", rich_help_panel=_MANY
+        ),
+    ] = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Scheduler of a Dask cluster, such as tcp://10.0.0.7:8786, whose workers see the files "
+            "under the same paths.",
+            rich_help_panel=_MANY,
+        ),
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the file of -o where it exists.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Results as JSON on standard output.")] = False,
 ) -> None:
@@ -56,134 +77,138 @@ def fuse(
 
       lidarboost fuse recordings/wedges.mcap
 
-      lidarboost fuse recordings/*.mcap --output out --method lidarboost
+      lidarboost fuse recordings/ --output out --method lidarboost
 
       lidarboost fuse scan.mcap -o fused.mcap --json
+
+      lidarboost fuse /data/2026 --output /data/maps --cluster 10.0.0.7:8786
 
     [bold]Exit status[/bold]
 
     0 done; 1 an input could not be fused; 2 wrong usage; 3 done, but an
     input is damaged.
     """
-    from service.files import free_path
+    from service.cli.fuse_many import fuse_many
+    from service.jobs.result_name import recordings_among
 
+    if workers is not None and cluster is not None:
+        raise typer.BadParameter("--workers are processes here, --cluster is elsewhere: choose one of them")
     _check(inputs, out, output, force)
     flags = {"method": method, "upsampling": upsampling, "regularization": regularization, "frames": frames}
-    configuration = configured(
-        config, preset, {"fusion": {key: value for key, value in flags.items() if value is not None}}
-    )
-    done, failed, damaged = [], False, False
-    for path in inputs:
-        target = out
-        if output is not None:
-            target = free_path(output / f"{path.stem}-fused.mcap")
-        with _errors_told(go_on=len(inputs) > 1) as errors:
-            found = _fuse_one(path, configuration, target, output is not None, quiet=as_json)
-            done.append(found)
-            damaged |= found["damage"] is not None
-        failed |= bool(errors)
+    given: dict[str, object] = {"fusion": {key: value for key, value in flags.items() if value is not None}}
+    make = _task_maker(config, preset, given, out, output, remote=cluster is not None)
+    paths = recordings_among(inputs)
+    if out is not None and len(paths) > 1:
+        raise typer.BadParameter(f"-o takes one input, {len(paths)} are given: use --output DIR")
+    tasks = [make(path) for path in paths]
+    if len(tasks) == 1 and cluster is None:
+        done = [_fuse_one(tasks[0], quiet=as_json)]
+    else:
+        done = fuse_many(tasks, workers, cluster, quiet=as_json)
     if as_json:
         import json
 
-        print(json.dumps(done, indent=2))
-    if failed or damaged:
+        print(json.dumps([result.model_dump(mode="json") for result in done], indent=2))
+    failed = any(result.error is not None for result in done)
+    if failed or any(result.damage is not None for result in done):
         raise typer.Exit(1 if failed else 3)
 
 
-def _check(inputs: list[Path], out: Path | None, output: Path | None, force: bool) -> None:
+def _check(inputs: Sequence[Path], out: Path | None, output: Path | None, force: bool) -> None:
     from service.errors import OutputError
 
     if out is not None and output is not None:
         raise typer.BadParameter("-o names one file, --output a directory: choose one of them")
     if out is not None and len(inputs) > 1:
         raise typer.BadParameter(f"-o takes one input, {len(inputs)} are given: use --output DIR")
-    targets = [out] if out is not None else []
-    if any(target.resolve() == path.resolve() for target in targets for path in inputs):
+    if out is not None and any(out.resolve() == path.resolve() for path in inputs):
         raise typer.BadParameter(f"{out} is the input itself: give the result another name")
     if out is not None and out.exists() and not force:
         raise OutputError(f"{out} exists already; choose another name, or replace it with --force")
 
 
-@contextmanager
-def _errors_told(*, go_on: bool) -> Iterator[list[Exception]]:
-    """Say what went wrong and go on with the next input; with one input alone the error is the command's."""
-    from drivers.errors import DriverError
-    from service.errors import ServiceError
-    from solver.errors import FusionError
-
-    errors: list[Exception] = []
-    try:
-        yield errors
-    except (DriverError, ServiceError, FusionError) as error:
-        if not go_on:
-            raise
-        errors.append(error)
-        print("error:", error, file=sys.stderr)
-
-
-def _fuse_one(
-    path: Path, configuration: "Configuration", target: Path | None, pictures: bool, *, quiet: bool
-) -> dict[str, Any]:
-    """Fuse a recording; returns what is said of it as JSON."""
-    from drivers.recording import open_recording
+def _task_maker(
+    config: Path | None,
+    preset: str | None,
+    given: dict[str, object],
+    out: Path | None,
+    output: Path | None,
+    *,
+    remote: bool,
+) -> "Callable[[Path], FuseTask]":
+    """What makes a task of a path; its calibration is looked at once, before anything is begun."""
     from service.capture.rig import configured_calibration
-    from service.files import free_path, made_directory
-    from service.jobs.fuse import fuse_recording
-    from service.messages.summary import describe, summarize
+    from service.jobs.task import FuseTask
     from service.messages.viewing import Extras
-    from service.sinks.drawing import write_preview
 
-    recording = open_recording(path)
-    calibration = configured_calibration(configuration.camera)
-    found: list[BurstSummary] = []
-    with ExitStack() as stack:
-        if target is not None:
-            stack.enter_context(made_directory(target.parent))
-        announce, say = stack.enter_context(_progress(path, recording.frame_count, quiet=quiet))
-        extras = Extras(configuration.output.points, configuration.output.depth_mm)
-        results = fuse_recording(recording, configuration.fusion, calibration, target, extras, announce)
-        for result in results:
-            burst = summarize(result, recording.truth)
-            found.append(burst)
-            say(f"{path.name}: {describe(burst)}")
-            if pictures and target is not None:
-                picture = target.with_name(f"{path.stem}-burst-{burst.report.burst:04d}.png")
-                write_preview(free_path(picture), result, recording.truth)
-        if target is not None:
-            say(f"wrote {target}")
-    if recording.damage is not None:
-        print(f"lost: {path}: {recording.damage}", file=sys.stderr)
-    return {
-        "input": str(path),
-        "output": None if target is None else str(target),
-        "damage": None if recording.damage is None else str(recording.damage),
-        "bursts": [burst.model_dump(mode="json") for burst in found],
-    }
+    found = configured(config, preset, given)
+    configured_calibration(found.camera)
+    extras = Extras(found.output.points, found.output.depth_mm)
+
+    def seen(path: Path | None) -> Path | None:
+        """Workers elsewhere have another working directory."""
+        return path.absolute() if remote and path is not None else path
+
+    def make(path: Path) -> FuseTask:
+        recording = path.absolute() if remote else path
+        return FuseTask(
+            recording, found.fusion, seen(found.camera.calibration), extras, seen(out), seen(output)
+        )
+
+    return make
+
+
+def _fuse_one(task: "FuseTask", *, quiet: bool) -> "FileResult":
+    """Fuse a recording here, and tell of each burst as it is done; its error is the command's."""
+    from service.cli.fuse_many import tell
+    from service.jobs.task import fuse_file
+    from service.messages.summary import describe
+
+    with _progress(task.path, quiet=quiet) as (begun, announce, say):
+
+        def heard(burst: "BurstSummary") -> None:
+            say(f"{task.path.name}: {describe(burst)}")
+
+        result = fuse_file(task, announce, heard, begun)
+    told = result if result.resumed else result.model_copy(update={"bursts": ()})
+    tell(told, quiet=quiet)
+    return result
 
 
 @contextmanager
-def _progress(path: Path, frames: int, *, quiet: bool) -> Iterator[tuple["Announce", Callable[[str], None]]]:
-    """A bar over the frames on a terminal; results as plain lines on standard output either way."""
+def _progress(
+    path: Path, *, quiet: bool
+) -> Iterator[tuple[Callable[[int], None], "Announce", Callable[[str], None]]]:
+    """A bar over the frames on a terminal; results as plain lines on standard output either way.
+
+    Yields what is to be told how many frames there are, of each burst, and of each result.
+    """
     if quiet or not sys.stderr.isatty():
-        yield (lambda _: None), ((lambda _: None) if quiet else (lambda line: print(line, flush=True)))
+        say = (lambda _: None) if quiet else (lambda line: print(line, flush=True))
+        yield (lambda _: None), (lambda _: None), say
         return
     from rich.progress import TimeElapsedColumn
 
     from service.cli.terminal import bar
 
     with bar(TimeElapsedColumn()) as shown:
-        task = shown.add_task(path.name, total=frames)
-        fused = 0
+        task = shown.add_task(path.name, total=None)
+        frames = fused = 0
+
+        def begun(count: int) -> None:
+            nonlocal frames
+            frames = count
+            shown.update(task, total=count)
 
         def announce(burst: "Burst") -> "Iterated":
             nonlocal fused
             shown.update(task, completed=fused)
             fused += len(burst.frames)
 
-            def iterated(iteration: int, _objective: float, _gap: float | None) -> None:
+            def iterated(iteration: int, _objective: float | None, _gap: float | None) -> None:
                 shown.update(task, description=f"{path.name}, burst {burst.id}, iteration {iteration}")
 
             return iterated
 
-        yield announce, lambda line: shown.console.print(line, soft_wrap=True)
+        yield begun, announce, lambda line: shown.console.print(line, soft_wrap=True)
         shown.update(task, completed=frames, description=path.name)

@@ -1,5 +1,6 @@
 """What is drawn on a terminal: text as it is, for a path may hold `[…]` or `:name:` and is no markup."""
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -17,7 +18,13 @@ def bar(time: ProgressColumn, noun: str = "") -> Progress:
     """A bar on standard error: each task's description, how many are done, of what, and a time."""
     counted = (TextColumn(noun, markup=False),) if noun else ()
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
-    return Progress(*columns, *counted, time, console=console(stderr=True))
+    return Progress(
+        *columns,
+        *counted,
+        time,
+        console=console(stderr=True),
+        redirect_stdout=sys.stdout.isatty(),  # what is piped on is no part of the picture
+    )
 
 
 @contextmanager

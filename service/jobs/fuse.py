@@ -45,6 +45,7 @@ def fuse_recording(
     output: Path | None = None,
     extras: Extras = Extras(),  # noqa: B008 — frozen
     announce: Announce = lambda _: None,
+    finish: Callable[[RecordingWriter], None] = lambda _: None,
 ) -> Iterator[FusedMap]:
     """Fuse burst after burst; with `output`, write frames and maps into a recording, whole or not at all.
 
@@ -57,6 +58,7 @@ def fuse_recording(
         output: MCAP file to write.
         extras: what is written of each map beside it.
         announce: told of each burst.
+        finish: called with the whole `output` before it is closed.
 
     Raises:
         RecordingError: no calibration, or frames that do not fit it.
@@ -73,6 +75,8 @@ def fuse_recording(
             if writer is not None:
                 _write(writer, burst, result, extras)
             yield result
+        if writer is not None:
+            finish(writer)
 
 
 def _copy_attachments(recording: Recording, writer: RecordingWriter) -> None:
