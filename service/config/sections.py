@@ -73,6 +73,12 @@ class PlanSection(_Section):
     )
     pause: float = Field(0.0, ge=0, le=86400, description="Seconds between the end of a burst and the next.")
 
+    @model_validator(mode="after")
+    def _nearest_is_nearer(self) -> Self:
+        if self.nearest > self.farthest:
+            raise ValueError(f"nearest {self.nearest:g} m must not be beyond farthest {self.farthest:g} m")
+        return self
+
 
 class FusionSection(_Section):
     """How frames become one map."""

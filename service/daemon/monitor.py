@@ -45,7 +45,7 @@ class Monitor:
     ) -> None:
         self._rig, self._capture, self._daemon = rig, capture, daemon
         self._executor, self._bus, self._disk = executor, bus, disk
-        self._began = time.monotonic()
+        self._began = time.monotonic() - daemon.states.seconds  # it has been starting for so long
         self._seen = -1
         self._error: LastError | None = None
 

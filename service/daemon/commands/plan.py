@@ -1,8 +1,8 @@
 """`cmd/plan`: where the camera looks in the course of one burst."""
 
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from drivers.errors import DriverError
 from service.config.sections import PlanSection
@@ -39,6 +39,10 @@ class Set(Verb, PlanSection):
 
     place: ClassVar[Place] = "burst"
     action: Literal["set"]
+
+    @model_validator(mode="after")
+    def _nearest_is_nearer(self) -> Self:
+        return self  # judged beside what is in force
 
     def carry_out(self, desk: Desk) -> Answer:
         daemon = desk.daemon
