@@ -23,10 +23,11 @@ pytestmark = pytest.mark.faults
 class Hanging(ScriptedCamera):
     """From its sixth frame on it never comes back, until it is let go."""
 
-    let_go = Flag()
+    hangs, let_go = Flag(), Flag()
 
     def _grab(self, timeout: float) -> Frame:
         if self.calls >= 6:
+            self.hangs.set()
             self.let_go.wait(60)
         return super()._grab(timeout)
 
@@ -49,10 +50,7 @@ def test_it_hands_over_and_ends_without_the_device(tmp_path: Path, endpoint: str
     thread = Thread(target=serve, daemon=True)
     thread.start()
     try:
-        end = time.monotonic() + 120
-        while camera.calls < 6:
-            assert time.monotonic() < end
-            time.sleep(0.01)
+        assert camera.hangs.wait(120)
         daemons[0].stop.set()
         began = time.monotonic()
         assert ended.wait(30)
