@@ -20,7 +20,7 @@ from solver.problem import Problem, Solution
 _LEVEL, _SLOPED = (0.36, 0.15, 0.23), {"area": (0.18, 0.03, 0.03)}
 """Floor, share of σ / λ, and b: for a prior of first order, and by method for one that lets ramps pass."""
 
-_INFORMED = (0.085, 0.35)
+_INFORMED = (0.085, 0.2)
 """a and b where a method knows its variance."""
 
 _LEAST = 0.01

@@ -58,7 +58,8 @@ def fuse(
         ambiguity_range: where distances wrap, in the unit of distance.
         noise: c in σ(distance) = c / amplitude (σ itself without amplitude); None = estimated.
         guide: (βH, βW) intensity image for `mrf`.
-        progress: called with (iteration, objective, gap) now and then; raising in it cancels.
+        progress: called with (iteration, objective, gap) now and then, the last two None where they are not
+            known on the way; raising in it cancels.
 
     Raises:
         FusionInputError: an argument cannot be used; the message says why.

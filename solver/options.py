@@ -43,7 +43,7 @@ class FusionOptions:
             0 = none, `auto` = from the noise law.
         fill: how far, in low-resolution pixels, unseen pixels are filled from the nearest used sample.
         neighbourhood: offsets of the prior of `lidarboost`, `area` and `phasor`: (0, 1), (1, 0) and any
-            others of `NEIGHBOURHOOD`.
+            others of `NEIGHBOURHOOD`; `phasor` takes no notice of those two pixels apart.
         footprint: what a pixel averages over, for `area` and `phasor`.
     """
 

@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-Progress = Callable[[int, float, float | None], None]
-"""Called with (iteration, objective, gap or None); raising in it cancels the fusion."""
+Progress = Callable[[int, float | None, float | None], None]
+"""Called with (iteration, objective, gap), the last two None where they are not known on the way; raising in
+it cancels the fusion."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ _REACH = 5.0
 It is applied at half the resolution, which so wide a Gaussian does not need."""
 
 _TAPS = 3.6
-"""Deviations to either side."""
+"""Deviations to either side, at least."""
 
 
 def slope(x: NDArray[np.floating], edge: float, reach: float = _REACH) -> NDArray[np.floating]:

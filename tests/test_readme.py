@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -120,3 +121,20 @@ def test_the_table_of_commands_is_the_one_that_holds() -> None:
     from service.daemon.commands import command_table
 
     assert command_table() in SUBSCRIBERS
+
+
+@pytest.mark.slow
+def test_the_example_in_typescript_compiles(tmp_path: Path) -> None:
+    """Where `TYPESCRIPT_MODULES` names a folder with the packages typescript and @eclipse-zenoh/zenoh-ts."""
+    modules = Path(os.environ.get("TYPESCRIPT_MODULES", ""))
+    compiler = modules / "typescript" / "bin" / "tsc"
+    node = shutil.which("node")
+    if node is None or not compiler.exists():
+        pytest.skip("needs node, and TYPESCRIPT_MODULES with typescript and @eclipse-zenoh/zenoh-ts")
+    (tmp_path / "node_modules").symlink_to(modules.resolve())
+    (tmp_path / "example.mts").write_text(example("ts", SUBSCRIBERS))
+    options = ["--strict", "--target", "es2022", "--module", "nodenext", "--skipLibCheck", "--noEmit"]
+    done = subprocess.run(
+        [node, compiler, *options, "example.mts"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout

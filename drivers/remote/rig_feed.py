@@ -85,9 +85,10 @@ class RigFeed(Feed):
         if "distance" in parts and fields is not None and (not fields.has_amplitude or "amplitude" in parts):
             del self._pending[time]
             try:
-                return FrameFields.frame(fields, parts["distance"], parts.get("amplitude"))
+                frame = FrameFields.frame(fields, parts["distance"], parts.get("amplitude"))
             except ValueError as error:
                 raise RecordingError(f"frame {fields.sequence}: {error}") from error
+            return None if self.calibration is None else frame  # without optics it means nothing
         while len(self._pending) > _MOST_PENDING:
             self._pending.popitem(last=False)
         return None

@@ -40,7 +40,9 @@ COMMANDS: dict[str, Entry] = {
     "get": Entry("service.cli.get", "get", "Show or save the latest value of a topic.", _LIVE),
     "watch": Entry("service.cli.watch", "watch", "Print the messages of a topic as they come.", _LIVE),
     "rigs": Entry("service.cli.rigs", "rigs", "List the rigs that are alive, and what they do.", _LIVE),
-    "view": Entry("service.cli.view", "view", "Show a recording or a running rig in Rerun.", _LIVE),
+    "view": Entry(
+        "service.cli.view", "view", "Show a recording or a rig in Rerun, or a rig in a browser.", _LIVE
+    ),
     "scan": Entry("service.cli.scan", "app", "Have it scan: start, stop, cancel, once, pause …", _LIVE),
     "stream": Entry("service.cli.stream", "app", "Have it fuse every frame: start, stop.", _LIVE),
     "record": Entry("service.cli.record", "app", "Record; list, keep, fetch, save recordings.", _LIVE),

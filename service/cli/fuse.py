@@ -205,7 +205,7 @@ def _progress(
             shown.update(task, completed=fused)
             fused += len(burst.frames)
 
-            def iterated(iteration: int, _objective: float, _gap: float | None) -> None:
+            def iterated(iteration: int, _objective: float | None, _gap: float | None) -> None:
                 shown.update(task, description=f"{path.name}, burst {burst.id}, iteration {iteration}")
 
             return iterated

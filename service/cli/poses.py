@@ -32,6 +32,8 @@ def poses_shown(client: "Client") -> Iterator[None]:
 
         def show(received: "Received") -> None:
             told = ScanProgress.model_validate(received.value)
+            if shown.tasks[task].total is None and _is_over(told):
+                return
             shown.update(task, description=_doing(told), total=told.poses, completed=told.captured)
 
         with client.subscribe("scan/progress", show):
@@ -47,6 +49,8 @@ class _Lines:
 
     def __call__(self, received: "Received") -> None:
         told = ScanProgress.model_validate(received.value)
+        if self._pose is None and _is_over(told):
+            return
         if self._pose != (told.burst, told.captured):
             self._pose = told.burst, told.captured
             of = "" if told.poses is None else f" of {told.poses}"
@@ -57,6 +61,11 @@ class _Lines:
 
     def _say(self, line: str) -> None:
         print(line, file=sys.stderr, flush=True)
+
+
+def _is_over(told: ScanProgress) -> bool:
+    """Whether nothing is at work: what is kept for whoever comes late may be of long ago."""
+    return told.captured == told.poses and not told.fusing and told.solver is None
 
 
 def _doing(told: ScanProgress) -> str:

@@ -90,7 +90,8 @@ def list_recordings(
 def fetch(
     file: File,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="PATH", help="Else FILE, here.")
+        Path | None,
+        typer.Option("-o", "--output", metavar="PATH", help="A file or a folder; else FILE, here."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that exists.")] = False,
     endpoint: Endpoint = DEFAULT_ENDPOINT,
@@ -102,8 +103,9 @@ def fetch(
     import json
 
     from service.errors import OutputError
+    from service.wire.recordings import fetched_to
 
-    target = output if output is not None else Path(Path(file).name)
+    target = fetched_to(file, Path() if output is None else output)
     if target.exists() and not force:
         raise OutputError(f"{target} exists already; choose another name, or replace it with --force")
     with connected(endpoint, prefix) as rig, _bytes_shown(file) as shown:

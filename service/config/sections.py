@@ -1,9 +1,10 @@
 """The configuration: every section and field, with its unit, bounds and default."""
 
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, SecretStr, field_validator, model_validator
 
 from drivers.settings import CameraSettings
 from solver.options import FusionOptions, Method
@@ -71,6 +72,12 @@ class PlanSection(_Section):
         5.0, gt=0, le=1000, description="Range of the farthest things in view, metres, to estimate parallax."
     )
     pause: float = Field(0.0, ge=0, le=86400, description="Seconds between the end of a burst and the next.")
+
+    @model_validator(mode="after")
+    def _nearest_is_nearer(self) -> Self:
+        if self.nearest > self.farthest:
+            raise ValueError(f"nearest {self.nearest:g} m must not be beyond farthest {self.farthest:g} m")
+        return self
 
 
 class FusionSection(_Section):
@@ -193,6 +200,47 @@ class OutputSection(_Section):
     )
 
 
+class WebSection(_Section):
+    """The live page."""
+
+    enabled: bool = Field(False, description="Serve it beside the service, in a process of its own.")
+    host: str = Field(
+        "127.0.0.1",
+        min_length=1,
+        max_length=255,
+        description="Address to listen on; one that others can reach needs a token.",
+    )
+    port: int = Field(8470, ge=0, le=65535, description="Port to listen on; 0 = any that is free.")
+    token: SecretStr | None = Field(
+        None,
+        description="What whoever opens the page has to know, 12 to 200 characters; none = nobody is asked.",
+    )
+
+    @property
+    def is_loopback(self) -> bool:
+        """Whether only programs of this machine can reach it."""
+        if self.host == "localhost":
+            return True
+        try:
+            return ip_address(self.host).is_loopback
+        except ValueError:  # a name, which may mean any address
+            return False
+
+    @field_validator("token")
+    @classmethod
+    def _hard_to_guess(cls, token: SecretStr | None) -> SecretStr | None:
+        told = None if token is None else token.get_secret_value()
+        if told is not None and not (12 <= len(told) <= 200 and told.isascii() and told.isprintable()):
+            raise ValueError("expected 12 to 200 printable ASCII characters")
+        return token
+
+    @model_validator(mode="after")
+    def _open_to_others_by_token(self) -> Self:
+        if self.token is None and not self.is_loopback:
+            raise ValueError(f"host {self.host} can be reached by others: set web.token, or host 127.0.0.1")
+        return self
+
+
 class MetricsSection(_Section):
     """Metrics, and whether the service is alive and ready, by HTTP on this machine alone."""
 
@@ -265,6 +313,7 @@ class Configuration(_Section):
     zenoh: ZenohSection = ZenohSection()
     recording: RecordingSection = RecordingSection()
     output: OutputSection = OutputSection()
+    web: WebSection = WebSection()
     metrics: MetricsSection = MetricsSection()
     ros2: Ros2Section = Ros2Section()
     foxglove: FoxgloveSection = FoxgloveSection()

@@ -9,7 +9,7 @@ from service.messages.progress import ScanProgress
 
 
 class Advance:
-    """Follows the bursts of a run.
+    """Follows the bursts of a run; for any thread.
 
     Args:
         poses: of a whole burst, where that is known.

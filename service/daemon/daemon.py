@@ -16,6 +16,7 @@ from service.capture.rig import Rig
 from service.config.sections import Configuration
 from service.daemon.advance import Advance
 from service.daemon.agenda import Agenda
+from service.daemon.disk import DiskWatch
 from service.daemon.first_mode import first_mode
 from service.daemon.fusing import Fusing
 from service.daemon.heartbeat import Heartbeat
@@ -162,7 +163,8 @@ class Daemon:
             stack.callback(self._refuse_all)
             stack.enter_context(self._open_rig())
             self.recording = recording_of(self.rig.camera)
-            monitor = Monitor(self.rig, self.grabber.counts, self, self.fusing.executor, self.bus)
+            disk = stack.enter_context(DiskWatch(self.configuration.recording))
+            monitor = Monitor(self.rig, self.grabber.counts, self, self.fusing.executor, self.bus, disk)
             mode = first_mode(self)
             # Neither status nor log may come once the sinks are closed.
             with logged_events(self.emit), Heartbeat(monitor.beat):

@@ -77,7 +77,8 @@ class Fusing:
         self._emit(MapFused(result, None if moved else self.truth))
 
     def _iterating(self, job: Job, so_far: Iterating) -> None:
-        known = so_far.objective if isfinite(so_far.objective) else None
+        told = so_far.objective
+        known = told if told is not None and isfinite(told) else None
         self._emit(
             SolverAdvanced(
                 SolverProgress(burst=job.number, iteration=so_far.iteration, objective=known, gap=so_far.gap)

@@ -93,7 +93,9 @@ class Scanning:
 
     def __init__(self, daemon: Daemon, *, asked: bool = False, resumes: bool = False) -> None:
         self._daemon, self.rig, self.asked, self._resumes = daemon, daemon.rig, asked, resumes
-        self.reason = "bursts as recorded" if daemon.carries_pose else "bursts by the plan"
+        self.reason = "bursts by the plan"
+        if daemon.carries_pose:
+            self.reason = "bursts as recorded" if daemon.is_replayed else "bursts of another rig"
         if asked:
             self.reason = "a burst that was asked for"
 
@@ -193,17 +195,8 @@ def planned(settings: Configuration, rig: Rig, poses: int) -> Plan:
     Raises:
         PlanError: a pose out of reach.
     """
-    limits = rig.stage.limits
-    only_pan = limits.tilt[0] == limits.tilt[1]
-    plan = make_plan(
-        settings.plan.model_copy(update={"axes": "pan"}) if only_pan else settings.plan,
-        poses,
-        rig.calibration.intrinsics,
-        upsampling=settings.fusion.upsampling,
-        resolution=radians(settings.stage.resolution) or rig.stage.resolution,
-        still=only_pan and limits.pan[0] == limits.pan[1],
-    )
-    plan.check(limits)
+    plan = plan_of(settings, rig, poses)
+    plan.check(rig.stage.limits)
     if plan.moves:
         expected = estimate_plan(
             plan,
@@ -216,3 +209,17 @@ def planned(settings: Configuration, rig: Rig, poses: int) -> Plan:
         for warning in expected.warnings:
             _log.warning("plan: %s", warning)
     return plan
+
+
+def plan_of(settings: Configuration, rig: Rig, poses: int) -> Plan:
+    """The configured plan for the stage at hand, within its reach or not; touches no device."""
+    limits = rig.stage.limits
+    only_pan = limits.tilt[0] == limits.tilt[1]
+    return make_plan(
+        settings.plan.model_copy(update={"axes": "pan"}) if only_pan else settings.plan,
+        poses,
+        rig.calibration.intrinsics,
+        upsampling=settings.fusion.upsampling,
+        resolution=radians(settings.stage.resolution) or rig.stage.resolution,
+        still=only_pan and limits.pan[0] == limits.pan[1],
+    )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from service.capture.grabber import CaptureCounts
 from service.capture.rig import Rig
+from service.daemon.disk import DiskWatch
 from service.daemon.playing import Playing
 from service.daemon.systemd import WATCHDOG, notify
 from service.fusion.executor import Executor
@@ -30,14 +31,21 @@ class Monitor:
         daemon: the run.
         executor: who fuses.
         bus: who takes events.
+        disk: where recordings go.
     """
 
     def __init__(
-        self, rig: Rig, capture: CaptureCounts, daemon: Daemon, executor: Executor, bus: Bus
+        self,
+        rig: Rig,
+        capture: CaptureCounts,
+        daemon: Daemon,
+        executor: Executor,
+        bus: Bus,
+        disk: DiskWatch,
     ) -> None:
         self._rig, self._capture, self._daemon = rig, capture, daemon
-        self._executor, self._bus = executor, bus
-        self._began = time.monotonic()
+        self._executor, self._bus, self._disk = executor, bus, disk
+        self._began = time.monotonic() - daemon.states.seconds  # it has been starting for so long
         self._seen = -1
         self._error: LastError | None = None
 
@@ -59,6 +67,7 @@ class Monitor:
         fusion, sinks = self._executor.state, self._bus.states
         lost = {sink.name: sink.dropped for sink in sinks}
         recorder, publisher, camera = self._bus.sink(RECORDER), self._bus.sink(PUBLISHER), daemon.camera
+        recording = recorder.state if isinstance(recorder, Recorder) else None
         return Status(
             timestamp=self._rig.clock.now() + self._rig.clock.correction(),
             version=software_version(),
@@ -92,7 +101,8 @@ class Monitor:
             latency=ledger.latency,
             temperature=self._rig.camera.temperature,
             drift=daemon.supervision.drift,
-            recorder=recorder.state if isinstance(recorder, Recorder) else None,
+            recorder=recording,
+            disk=self._disk.state(recording),
             sinks=sinks,
             subscribers=publisher.subscribers if isinstance(publisher, Publisher) else (),
             commands=daemon.command_counts(),

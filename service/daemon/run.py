@@ -15,6 +15,7 @@ from service.daemon.commanded import commanded
 from service.daemon.daemon import Daemon
 from service.daemon.last_resort import last_resort
 from service.daemon.network import Network
+from service.daemon.page import kept_page
 from service.daemon.recording import begin_recorder
 from service.files import made_directory
 from service.fusion.local import LocalExecutor
@@ -105,6 +106,8 @@ def run_service(
         for name, make in (*_outputs(configuration, output, once).items(), *makers.items()):
             bus.add(name, make)
         stack.enter_context(commanded(daemon, session))
+        if configuration.web.enabled and not once:
+            stack.enter_context(kept_page(configuration, daemon.states))
         started(daemon)
 
         def hand_over() -> None:

@@ -150,7 +150,7 @@ class Command:
 
 def refusal_of_fields(what: str, model: type[BaseModel], error: ValidationError) -> CommandError:
     """Says which fields are wrong and what is allowed; `OUT_OF_RANGE` where only bounds are crossed."""
-    faults = error.errors(include_url=False, include_context=False)
+    faults = _distinct(error.errors(include_url=False, include_context=False))
     kind = OutOfRangeError if all(f["type"] in _BOUNDS for f in faults) else InvalidArgumentError
     return kind(f"{what}: " + "; ".join(_words(fault, model) for fault in faults[:5]))
 
@@ -169,13 +169,23 @@ def then(future: Future[T], make: Callable[[T], Outcome]) -> Future[Outcome]:
     return made
 
 
+def _distinct(faults: list[ErrorDetails]) -> list[ErrorDetails]:
+    """Of a field that may be of several types only the bound that is crossed, where one of them fits."""
+    bounded = {fault["loc"][:1] for fault in faults if fault["type"] in _BOUNDS}
+    return [fault for fault in faults if fault["type"] in _BOUNDS or fault["loc"][:1] not in bounded]
+
+
 def _words(fault: ErrorDetails, model: type[BaseModel]) -> str:
-    name = str(fault["loc"][0]) if fault["loc"] else "request"
+    if not fault["loc"]:
+        return fault["msg"].removeprefix("Value error, ")
+    name = str(fault["loc"][0])
     known = [field for field in model.model_fields if field != "action"]
     if fault["type"] == "extra_forbidden":
         return f"unknown field {_brief(name)} (known: {', '.join(known) or 'none'})"
     field = model.model_fields.get(name)
     meaning = f" ({field.description})" if field is not None and field.description else ""
+    if fault["type"] == "missing":
+        return f"{_brief(name)} is missing{meaning}"
     return f"{name} = {_brief(fault['input'])}: {fault['msg']}{meaning}"
 
 

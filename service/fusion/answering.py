@@ -57,7 +57,7 @@ def _iterations_told() -> Progress:
     """Tells how far the solver is, some times a second."""
     told = time.monotonic()
 
-    def progress(iteration: int, objective: float, gap: float | None) -> None:
+    def progress(iteration: int, objective: float | None, gap: float | None) -> None:
         nonlocal told
         now = time.monotonic()
         if now - told >= _BETWEEN_WORDS:

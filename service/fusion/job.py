@@ -79,10 +79,10 @@ class Compiling:
 
 @dataclass(frozen=True, slots=True)
 class Iterating:
-    """How far the solver is with the job at work; `gap` is None for methods without one."""
+    """How far the solver is with the job at work; what is not known on the way is None."""
 
     iteration: int
-    objective: float
+    objective: float | None
     gap: float | None
 
 

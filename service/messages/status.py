@@ -74,6 +74,23 @@ class RecorderState(_Part):
     error: str | None = Field(None, description="Why nothing can be recorded at present; none = it can.")
 
 
+class DiskState(_Part):
+    """The disk that recordings go to."""
+
+    directory: str = Field(description="Where recordings go.")
+    free: int = Field(ge=0, description="Bytes free.")
+    total: int = Field(ge=0, description="Bytes of the disk.")
+    rate: float | None = Field(
+        None, ge=0, description="Bytes a second that are recorded, over the last minute; none = nothing is."
+    )
+    minutes: float | None = Field(
+        None,
+        ge=0,
+        description="Until the disk is full, or the budget is and the oldest recording goes; none = nothing "
+        "is recorded.",
+    )
+
+
 class SinkState(_Part):
     """One of those that take the events."""
 
@@ -168,6 +185,7 @@ class Status(_Part):
         None, description="Of the distance of what stands still; none = not known, or nothing stands still."
     )
     recorder: RecorderState | None = Field(None, description="What is recorded; none = no recorder.")
+    disk: DiskState | None = Field(None, description="Room for recordings; none = not known.")
     sinks: tuple[SinkState, ...] = Field((), description="Who takes the events, and how that goes.")
     subscribers: tuple[Subscriber, ...] = Field((), description="Those who send receipts.")
     commands: CommandCounts = CommandCounts()

@@ -10,6 +10,7 @@ import zenoh
 import zenoh.ext
 
 from drivers.messages import Message
+from service.allowance import Allowance
 from service.messages.encoding import event_messages
 from service.messages.events import Delivery, Event, FrameCaptured, MapFused
 from service.messages.status import Subscriber
@@ -18,7 +19,6 @@ from service.messages.viewing import ON_DEMAND
 from service.sinks.sink import Room, Sink
 from service.wire.addresses import DEFAULT_PREFIX
 from service.wire.encoding import encoding
-from service.wire.queries import Allowance
 from service.wire.receipts import Receipts
 from service.wire.sockets import bytes_under_way, is_tcp, ports_of
 

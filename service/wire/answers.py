@@ -7,9 +7,8 @@ from typing import Self
 import zenoh
 
 from drivers.messages import Schema
-from service.wire.queries import Allowance
-
-MANIFEST, SCHEMA = "manifest", "schema"
+from service.allowance import Allowance
+from service.wire.addresses import MANIFEST, SCHEMA
 
 _PER_SECOND, _BURST = 50.0, 200.0
 """Answers that are given, in the long run and at once; beyond that a query stays without one."""

@@ -48,8 +48,12 @@ class Asking:
         deadline = time.monotonic() + timeout
         while (left := deadline - time.monotonic()) > 0:
             replies = self._query(name, request, left)
-            if replies:
+            if replies and not _ran_out(replies[0]):
                 return self._read(name, replies)
+            if replies:
+                raise RemoteError(
+                    f"{name}: not done within {timeout:g} s; it may be carried out yet: give it longer"
+                )
             time.sleep(min(_RETRY, max(0.0, deadline - time.monotonic())))  # nobody is there yet
         raise RemoteError(
             f"{name}: no service answered at {self._endpoint} within {timeout:g} s; does one run, is its "
@@ -76,11 +80,16 @@ class Asking:
         return Answer(json.loads(first.ok.payload.to_bytes()), _with_intrinsics(messages))
 
 
+def _ran_out(reply: zenoh.Reply) -> bool:
+    """Whether that is no answer, but Zenoh's word that none came in time."""
+    return reply.err is not None and reply.err.payload.to_bytes() == b"Timeout"
+
+
 def _refusal(name: str, payload: bytes) -> Exception:
     try:
         told = json.loads(payload)
         kind, message = COMMAND_ERRORS.get(told["code"], CommandError), str(told["message"])
-    except (ValueError, KeyError, TypeError):  # Zenoh's own: "Timeout", for example
+    except (ValueError, KeyError, TypeError):  # Zenoh's own
         return RemoteError(f"{name}: {payload.decode(errors='replace') or 'no answer'}")
     return kind(message)
 

@@ -13,12 +13,13 @@ import numpy as np
 import zenoh
 import zenoh.ext
 
+from drivers.documents import parse_json
 from drivers.messages import CAMERA_CALIBRATION
 from service.errors import RemoteError
 from service.messages.decoding import Received, decode
 from service.messages.receipt import RECEIPT, Receipt
-from service.messages.topics import FUSED_CALIBRATION, FUSED_DEPTH_MM, TOPICS, Congestion, Topic
-from service.wire.addresses import DEFAULT_ENDPOINT, DEFAULT_PREFIX
+from service.messages.topics import ALIVE, FUSED_CALIBRATION, FUSED_DEPTH_MM, TOPICS, Congestion, Topic
+from service.wire.addresses import DEFAULT_ENDPOINT, DEFAULT_PREFIX, MANIFEST, SCHEMA
 from service.wire.asking import Answer, Asking
 from service.wire.recordings import Record, Replay
 from service.wire.session import open_session
@@ -73,6 +74,8 @@ class Client:
         self._resources = ExitStack()
         file = None if config is None else Path(config)
         self._session = self._resources.enter_context(open_session((), (endpoint,), file))
+        self._subscriptions: set[Subscription] = set()
+        self._resources.callback(self._close_subscriptions)
         self._calibrations: dict[str, LatestCalibration] = {}
         self._watching = Lock()
         self._asking = Asking(self._session, prefix, endpoint)
@@ -130,11 +133,40 @@ class Client:
         row = _published(topic)
         keep = _IMAGES if row.congestion is Congestion.DROP else _MESSAGES
         read = self._confirmed if self._receipts and topic.startswith("fused/") else self._decode
-        subscription = Subscription(topic, keep, read, lambda arrived: self._declare(topic, arrived))
-        self._resources.callback(subscription.close)
+        subscription = Subscription(
+            topic, keep, read, lambda arrived: self._declare(topic, arrived), self._subscriptions.discard
+        )
+        self._subscriptions.add(subscription)
         if handler is not None:
             subscription.call(handler)
         return subscription
+
+    def watch_presence(self, handler: Callable[[bool], None]) -> None:
+        """Have `handler` told, from a thread of Zenoh's, when a service of this name comes and goes."""
+        subscriber = self._session.liveliness().declare_subscriber(
+            f"{self._prefix}/{ALIVE}",
+            lambda sample: handler(sample.kind == zenoh.SampleKind.PUT),
+            history=True,
+        )
+        self._resources.callback(subscriber.undeclare)
+
+    def manifests(self, timeout: float = 2.0) -> list[dict[str, Any]]:
+        """What each service of this name says that it is; none where none runs."""
+        replies = self._session.get(
+            f"{self._prefix}/{MANIFEST}",
+            timeout=timeout,
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+        )
+        return [_document(reply.ok) for reply in replies if reply.ok is not None]
+
+    def command_schemas(self, timeout: float = 2.0) -> dict[str, dict[str, Any]]:
+        """JSON schemas of `request` and `reply` of every command, by its name."""
+        kind = f"{self._prefix}/{SCHEMA}/"
+        replies = self._session.get(f"{kind}cmd/**", timeout=timeout)
+        found = [reply.ok for reply in replies if reply.ok is not None]
+        named = {str(sample.key_expr).removeprefix(kind): _document(sample) for sample in found}
+        return dict(sorted(named.items()))
 
     def __enter__(self) -> Self:
         return self
@@ -194,6 +226,10 @@ class Client:
                 self._calibrations[topic] = latest
             return self._calibrations[topic]
 
+    def _close_subscriptions(self) -> None:
+        for subscription in list(self._subscriptions):
+            subscription.close()
+
     def _explain(self, topic: str, timeout: float) -> str:
         if self._session.info.links():
             return (
@@ -204,6 +240,16 @@ class Client:
             f"no service answered at {self._endpoint} within {timeout:g} s; start one with `lidarboost run`, "
             f"or name the endpoint it listens on"
         )
+
+
+def _document(sample: zenoh.Sample) -> dict[str, Any]:
+    try:
+        found = parse_json(sample.payload.to_bytes())
+    except ValueError as error:
+        raise RemoteError(f"{sample.key_expr}: {error}; the service may be another one") from error
+    if not isinstance(found, dict):
+        raise RemoteError(f"{sample.key_expr}: a {type(found).__name__}, expected an object")
+    return found
 
 
 def _published(topic: str) -> Topic:

@@ -2,7 +2,6 @@
 
 import json
 import logging
-import time
 from collections.abc import Callable, Iterable, Sequence
 from threading import Lock, Thread
 from types import TracebackType
@@ -12,6 +11,7 @@ import zenoh
 
 from drivers.messages import Message
 from drivers.names import shown
+from service.allowance import Allowance
 from service.errors import CommandError, InvalidArgumentError, UnavailableError
 from service.wire.encoding import Octets, encoding
 from service.wire.pending import Pending
@@ -157,32 +157,6 @@ class Queries:
                 self._handle(request)
             except Exception:  # the next one may do better
                 _log.exception("%s", request.name)
-
-
-class Allowance:
-    """So many a second in the long run, and some at once; for one thread.
-
-    Args:
-        rate: per second.
-        most: at once.
-        clock: seconds.
-    """
-
-    def __init__(self, rate: float, most: float, clock: Callable[[], float] = time.monotonic) -> None:
-        self._rate, self._most, self._clock = rate, most, clock
-        self._left, self._at = most, clock()
-        self._lock = Lock()
-
-    def spend(self) -> bool:
-        """Whether one more is allowed."""
-        with self._lock:
-            now = self._clock()
-            self._left = min(self._most, self._left + (now - self._at) * self._rate)
-            self._at = now
-            if self._left < 1:
-                return False
-            self._left -= 1
-            return True
 
 
 def refusal(error: CommandError) -> bytes:

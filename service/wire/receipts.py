@@ -9,9 +9,9 @@ from threading import Lock
 import zenoh
 from pydantic import ValidationError
 
+from service.allowance import Allowance
 from service.messages.receipt import RECEIPT, Receipt
 from service.messages.status import Subscriber
-from service.wire.queries import Allowance
 
 _MAPS = 64
 """Maps for which receipts are taken; a stream makes so many in some seconds."""

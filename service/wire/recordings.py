@@ -44,7 +44,7 @@ class Record:
     def fetch(
         self,
         file: str,
-        target: Path,
+        target: str | Path,
         timeout: float = 30.0,
         progress: Callable[[int, int], None] = lambda _, __: None,
     ) -> Path:
@@ -52,7 +52,7 @@ class Record:
 
         Args:
             file: its name there.
-            target: where it goes.
+            target: where it goes; a folder that exists = under its own name in there.
             timeout: seconds for each part of it.
             progress: told how many bytes are here, of how many.
 
@@ -60,6 +60,7 @@ class Record:
             RemoteError: no answer, or the file became another meanwhile.
             OutputError: it cannot be written here.
         """
+        target = fetched_to(file, target)
         with whole_file(target) as partial, partial.open("wb") as output:
             size = None
             while size is None or output.tell() < size:
@@ -81,6 +82,12 @@ class Record:
     def recover(self, file: str, timeout: float = 600.0) -> Answer:
         """Make a whole recording of what a torn one holds, there."""
         return self._ask("cmd/record", "recover", timeout, file=file)
+
+
+def fetched_to(file: str, target: str | Path) -> Path:
+    """Where a recording goes: into a folder under its own name."""
+    path = Path(target)
+    return path / Path(file).name if path.is_dir() else path
 
 
 class Replay:

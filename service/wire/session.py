@@ -132,3 +132,19 @@ def _explain(error: str, config: zenoh.Config) -> str:
         f"cannot open the Zenoh session (listen {brief(config.get_json('listen/endpoints'))}, connect "
         f"{brief(config.get_json('connect/endpoints'))}): {brief(error)}"
     )
+
+
+def endpoint_of(file: Path | None) -> str:
+    """Where programs of this machine find a service whose session has this file.
+
+    Raises:
+        SessionError: the file cannot be read, or neither listens nor connects anywhere.
+    """
+    config = _configuration((DEFAULT_ENDPOINT,), (), file, "peer")
+    mode = json.loads(config.get_json("mode"))
+    for key in ("listen/endpoints", "connect/endpoints"):
+        told = json.loads(config.get_json(key))
+        endpoints = told.get(mode, []) if isinstance(told, dict) else told
+        if endpoints:
+            return re.sub(r"/(0\.0\.0\.0|\[::\]):", "/127.0.0.1:", str(endpoints[0]))
+    raise SessionError(f"{file}: the session neither listens nor connects anywhere")

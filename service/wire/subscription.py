@@ -33,8 +33,9 @@ class Subscription:
         keep: int,
         decode_sample: Callable[[zenoh.Sample], Received],
         subscribe: Callable[[Callable[[zenoh.Sample], None]], Any],
+        closed: Callable[["Subscription"], None] = lambda _: None,
     ) -> None:
-        self._topic, self._decode = topic, decode_sample
+        self._topic, self._decode, self._told_closed = topic, decode_sample, closed
         self._samples: deque[zenoh.Sample] = deque(maxlen=keep)
         self._changed = Condition()
         self._closed = False
@@ -63,6 +64,7 @@ class Subscription:
         if self._thread is not None:
             self._thread.join()
         self._subscriber.undeclare()
+        self._told_closed(self)
 
     def __iter__(self) -> Iterator[Received]:
         while (sample := self._next(None)) is not None:

@@ -87,14 +87,15 @@ def apply(top, end, c, x, stencil, side, taps, size, factor, on_the_way, resume,
     """out ← factor · Bᵀ (M B x − b) in rows top to end of channel c.
 
     Args:
-        x, out: (C, rows + 4, columns + 4), padded by 2.
+        x, out: (C, rows + 4, columns + 4), padded by 2; x may be a ring of the rows that are read, where
+            row i of the map is at (i + 2) modulo its rows.
         stencil: (5, nodes + 2, nodes + 2); side: (C, nodes + 2, nodes + 2), b, or (C, 0, 0) = none; padded
             by 1.
         taps: padded with zeros to a multiple of four; the first `size` of them count.
         factor: a number of x's type.
         on_the_way, resume: `rings`, and whether they hold what a call that ended at `top` has left.
     """
-    rows, columns, padded = x.shape[1] - 4, x.shape[2] - 4, taps.size
+    rows, columns, padded = out.shape[1] - 4, out.shape[2] - 4, taps.size
     node_rows, nodes, one = rows - size + 1, columns - size + 1, x.dtype.type(1)
     along, blurred, residual, across = on_the_way
     first = top + 1 if resume else top - size
@@ -103,7 +104,8 @@ def apply(top, end, c, x, stencil, side, taps, size, factor, on_the_way, resume,
         if 0 <= q < node_rows:
             while ready < q + size:
                 # Taps that are zero may read beyond the row, into the padding.
-                blur_along(x, (c, ready + 2), 2, taps, one, view(along, (c, ready % padded), 0, nodes))
+                at = (c, (ready + 2) % x.shape[1])
+                blur_along(x, at, 2, taps, one, view(along, (c, ready % padded), 0, nodes))
                 ready += 1
             blur_across(c, along, q, 1, taps, view(blurred, (c, q % 3), 1, nodes))
         else:

@@ -5,15 +5,23 @@ The unknown x = l + iφ (channels: log-amplitude, phase) changes Z to Z exp x. I
     H x = conj(Z) · s Bᵀ M B (Z x) + (Gᵀ V G l, Gᵀ W G φ)
 
 with the footprint's stencil M (see `kernels.footprint`), s a factor, and differences G weighed pair by pair
-(see `kernels.ties`). Images are (2, rows + 4, columns + 4), padded by 2.
+(see `kernels.pairs`). Images are (2, rows + 4, columns + 4), padded by 2.
+
+One walk over the rows does a round: what the last one has found moves a row of x, residual and direction, and
+a footprint behind that H is applied. So each image is fetched once. With D the inverse diagonal, h = H p and
+
+    α = pᵀ r / pᵀ h,   β = −(r − α h)ᵀ D h / pᵀ h,
+
+all products of one walk, the new direction D (r − α h) + β p is conjugate to any p before, also to the first
+one if that is what the last step of Gauss–Newton has moved Z by: a good guess of what is still to come.
 """
 
 import numpy as np
 from numba import njit
 
 from solver.kernels.blur import apply, rings
+from solver.kernels.pairs import pull
 from solver.kernels.team import meet
-from solver.kernels.ties import pull
 from solver.kernels.view import view
 
 STRIP = 8
@@ -21,13 +29,37 @@ STRIP = 8
 
 
 @njit(fastmath=True)
-def _turn(a, b, xr, xi, out, i, n):  # type: ignore[no-untyped-def]
-    """out ← Z x of one row."""
-    u, v = view(out, (0, i), 2, n), view(out, (1, i), 2, n)
+def _move(i, n, alpha, x, p):  # type: ignore[no-untyped-def]
+    """x += α p in one row, which is 0 at first."""
+    for c in range(2):
+        y, q = view(x, (c, i), 2, n), view(p, (c, i), 2, n)
+        for j in range(n):
+            y[j] += alpha * q[j]
+
+
+@njit(fastmath=True)
+def _aim(i, n, alpha, beta, part, residual, p, h, inverse):  # type: ignore[no-untyped-def]
+    """residual −= α h, p ← part · residual / diagonal + β p in one row."""
+    for c in range(2):
+        r, q = view(residual, (c, i), 2, n), view(p, (c, i), 2, n)
+        g, d = view(h, (c, i), 2, n), view(inverse, (c, i), 2, n)
+        for j in range(n):
+            s = r[j] - alpha * g[j]
+            r[j] = s
+            q[j] = part * s * d[j] + beta * q[j]
+
+
+@njit(fastmath=True)
+def _turn(i, n, z, p, out):  # type: ignore[no-untyped-def]
+    """out ← Z p of one row, in a ring of rows."""
+    at = i % out.shape[1]
+    a, b = view(z, (0, i), 2, n), view(z, (1, i), 2, n)
+    l, phase = view(p, (0, i), 2, n), view(p, (1, i), 2, n)  # noqa: E741
+    u, v = view(out, (0, at), 2, n), view(out, (1, at), 2, n)
     for j in range(n):
-        u[j] = a[j] * xr[j] - b[j] * xi[j]
+        u[j] = a[j] * l[j] - b[j] * phase[j]
     for j in range(n):
-        v[j] = a[j] * xi[j] + b[j] * xr[j]
+        v[j] = a[j] * phase[j] + b[j] * l[j]
 
 
 @njit(fastmath=True)
@@ -42,93 +74,95 @@ def _turn_back(i, n, z, h):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=True)
-def _aim(c, i, n, residual, inverse, beta, p):  # type: ignore[no-untyped-def]
-    """p ← residual / diagonal + β p of one row."""
-    r, d, out = view(residual, (c, i), 2, n), view(inverse, (c, i), 2, n), view(p, (c, i), 2, n)
-    for j in range(n):
-        out[j] = r[j] * d[j] + beta * out[j]
-
-
-@njit(fastmath=True)
-def _dot(c, i, n, first, second):  # type: ignore[no-untyped-def]
-    a, b, total = view(first, (c, i), 2, n), view(second, (c, i), 2, n), first.dtype.type(0)
-    for j in range(n):
-        total += a[j] * b[j]
-    return float(total)
-
-
-@njit(fastmath=True)
-def _step(c, i, n, alpha, p, h, x, residual, inverse):  # type: ignore[no-untyped-def]
-    """Move x and the residual of one row; the residual's preconditioned square."""
-    q, g, d = view(p, (c, i), 2, n), view(h, (c, i), 2, n), view(inverse, (c, i), 2, n)
-    y, r, total = view(x, (c, i), 2, n), view(residual, (c, i), 2, n), p.dtype.type(0)
-    for j in range(n):
-        y[j] += alpha * q[j]
-        s = r[j] - alpha * g[j]
-        r[j] = s
-        total += s * s * d[j]
-    return float(total)
+def _products(i, n, p, h, residual, inverse, sums):  # type: ignore[no-untyped-def]
+    """sums (4,) ← pᵀ h, pᵀ r, rᵀ D h, hᵀ D h of one row."""
+    sums[:] = 0.0
+    for c in range(2):
+        q, g = view(p, (c, i), 2, n), view(h, (c, i), 2, n)
+        r, d = view(residual, (c, i), 2, n), view(inverse, (c, i), 2, n)
+        bend = own = mixed = square = p.dtype.type(0)
+        for j in range(n):
+            f = d[j] * g[j]
+            bend += q[j] * g[j]
+            own += q[j] * r[j]
+            mixed += r[j] * f
+            square += f * g[j]
+        sums[0] += float(bend)
+        sums[1] += float(own)
+        sums[2] += float(mixed)
+        sums[3] += float(square)
 
 
 @njit
-def _total(sums):  # type: ignore[no-untyped-def]
+def _total(sums, k):  # type: ignore[no-untyped-def]
     total = 0.0
-    for i in range(sums.size):
-        total += sums[i]
+    for i in range(sums.shape[0]):
+        total += sums[i, k]
     return total
+
+
+@njit
+def _walk(part, step, operator, residual, x, work, kept, sums):  # type: ignore[no-untyped-def]
+    """Move rows low to high by the step (α, β, part), and apply H in rows top to end."""
+    top, low, high, end = part
+    z, (stencil, taps, reach), factor, v, w, inverse = operator
+    p, h, turned = work
+    rows, n = x.shape[1] - 4, x.shape[2] - 4
+    none, moved = p[:0], max(0, top - reach)
+    for start in range(top, end, STRIP):
+        stop = min(start + STRIP, end)
+        while moved < min(stop + reach, rows):
+            at = moved + 2
+            if low <= moved < high:
+                _move(at, n, step[0], x, p)
+                _aim(at, n, *step, residual, p, h, inverse)  # type: ignore[call-arg]
+            _turn(at, n, z, p, turned)
+            moved += 1
+        for c in range(2):
+            apply(start, stop, c, turned, stencil, none, taps, reach, factor, kept, start > top, h)
+        for i in range(start, stop):
+            _turn_back(i + 2, n, z, h)
+            pull(i + 2, n, 0, p, v, h)
+            pull(i + 2, n, 1, p, w, h)
+            _products(i + 2, n, p, h, residual, inverse, view(sums, (i,), 0, 4))
 
 
 @njit(nogil=True, cache=True)
 def descend(  # type: ignore[no-untyped-def]
-    rank, size, barrier, rounds, least, z, footprint, factor, v, w, inverse, residual, x, work, sums, done
+    rank, size, barrier, rounds, resumed, z, footprint, factor, v, w, inverse, residual, x, work, sums
 ):
-    """Up to `rounds` iterations on H x = residual from x = 0; both are changed.
+    """`rounds` iterations on H x = residual from x = 0; both are changed.
 
     Args:
-        least: part of the residual's preconditioned square at which it is solved.
+        resumed: whether p holds the first direction; else it holds anything finite.
         z: the phasors; footprint: (stencil, taps, size of them); factor: s.
-        v, w: strengths (6, rows + 4, columns + 4) of the pairs, V and W; inverse: of the diagonal of H.
-        work: three images (p, Z p, H p); sums: (2, rows); done: (1,) ← the iterations.
+        v, w: strengths of the pairs, V and W, see `kernels.pairs`; inverse: of the diagonal of H.
+        work: two images, p and H p, finite; sums: (rows, 4).
     """
-    p, q, h = work
-    stencil, taps, reach = footprint
-    rows, n = x.shape[1] - 4, x.shape[2] - 4
+    p, h = work
+    _, taps, reach = footprint
+    rows, n, kind = x.shape[1] - 4, x.shape[2] - 4, p.dtype.type
     top, end = rank * rows // size, (rank + 1) * rows // size
-    kept, none, kind, one = rings(2, n, taps, reach), p[:0], p.dtype.type, np.ones(6, p.dtype)
+    # What the neighbours read too is moved before all walk.
+    low = top if rank == 0 else min(top + reach, end)
+    high = end if rank == size - 1 else max(end - reach, low)
+    kept = rings(2, n, taps, reach)
+    turned = np.zeros((2, STRIP + 2 * reach + 2, n + 4), p.dtype)
+    step = kind(0), kind(resumed), kind(not resumed)
+    for _ in range(rounds):
+        for i in range(top, end):
+            if not low <= i < high:
+                _move(i + 2, n, step[0], x, p)
+                _aim(i + 2, n, *step, residual, p, h, inverse)
+        meet(barrier, size)
+        operator = z, footprint, factor, v, w, inverse
+        _walk((top, low, high, end), step, operator, residual, x, (p, h, turned), kept, sums)
+        meet(barrier, size)
+        bend = _total(sums, 0)
+        if bend <= 0.0:
+            step = kind(0), kind(0), kind(1)
+        else:
+            alpha = _total(sums, 1) / bend
+            step = kind(alpha), kind((alpha * _total(sums, 3) - _total(sums, 2)) / bend), kind(1)
     for i in range(top, end):
-        sums[1, i] = 0.0
-        for c in range(2):
-            sums[1, i] += _step(c, i + 2, n, kind(0), p, h, x, residual, inverse)
-    meet(barrier, size)
-    square = first = _total(sums[1])
-    beta, number = 0.0, 0
-    while number < rounds and square > least * first and square > 0.0:
-        for i in range(top, end):
-            for c in range(2):
-                _aim(c, i + 2, n, residual, inverse, kind(beta), p)
-            at = i + 2
-            ends = view(p, (0, at), 2, n), view(p, (1, at), 2, n)
-            _turn(view(z, (0, at), 2, n), view(z, (1, at), 2, n), ends[0], ends[1], q, at, n)
-        meet(barrier, size)
-        for start in range(top, end, STRIP):
-            stop = min(start + STRIP, end)
-            for c in range(2):
-                apply(start, stop, c, q, stencil, none, taps, reach, factor, kept, start > top, h)
-            for i in range(start, stop):
-                _turn_back(i + 2, n, z, h)
-            pull(start, stop, 0, p, v, one, h)
-            pull(start, stop, 1, p, w, one, h)
-            for i in range(start, stop):
-                sums[0, i] = _dot(0, i + 2, n, p, h) + _dot(1, i + 2, n, p, h)
-        meet(barrier, size)
-        alpha = kind(square / _total(sums[0]))
-        for i in range(top, end):
-            sums[1, i] = 0.0
-            for c in range(2):
-                sums[1, i] += _step(c, i + 2, n, alpha, p, h, x, residual, inverse)
-        meet(barrier, size)
-        before, square = square, _total(sums[1])
-        beta = square / before
-        number += 1
-    if rank == 0:
-        done[0] = number
+        _move(i + 2, n, step[0], x, p)

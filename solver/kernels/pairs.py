@@ -1,19 +1,25 @@
-"""Heavy-tailed penalties on pairs of pixels, their quadratic majorants, and the Gauss–Newton right-hand side.
+"""Heavy-tailed penalties on pairs of pixels: their quadratic majorants and the Gauss–Newton right-hand side.
 
 The state is (2, rows + 4, columns + 4): log-amplitude l and phase φ of Z = exp(l + iφ), padded by 2. A pair k
-of neighbours (see `kernels.prior.ROWS`, `COLUMNS`) costs
+of neighbours (see `ROWS`, `COLUMNS`) costs
 
     κ w log(1 + (d / δ)²),    d = their difference, for φ less the slope's part and modulo 2π,
 
 for φ divided by 1 + (Δl / e)²; it lies under ½ W d² + constant with W = 2 κ w / (δ² + d²), so divided.
-Strengths and fluxes W d are (6, rows + 4, columns + 4), 0 where a pair leaves the image.
+Strengths W are (4, rows + 4, columns + 4), 0 where a pair leaves the image, and shortened (see
+`kernels.elementary`): a round of conjugate gradients waits for memory, and it does not matter by which
+majorant a step is found.
 """
 
 import numpy as np
 from numba import njit
 
-from solver.kernels.prior import COLUMNS, ROWS
+from solver.kernels.elementary import lengthen, logarithm, shorten
 from solver.kernels.view import view
+
+PAIRS = 4
+ROWS, COLUMNS = (0, 1, 1, 1), (1, 0, 1, -1)
+"""The pairs' offsets."""
 
 _TURN = 2 * np.pi
 
@@ -36,14 +42,6 @@ def _subtract(here, there, out):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=True, error_model="numpy")
-def _strengths(d, most, square, out, flux):  # type: ignore[no-untyped-def]
-    for j in range(out.size):
-        w = most / (square + d[j] * d[j])
-        out[j] = w
-        flux[j] = w * d[j]
-
-
-@njit(fastmath=True, error_model="numpy")
 def _ease(i, k, z, change, ease, faint, out):  # type: ignore[no-untyped-def]
     """out ← 1 + (Δl / e)², less where the darker one of the two has hardly any light."""
     n, c = out.size, COLUMNS[k]
@@ -53,14 +51,6 @@ def _ease(i, k, z, change, ease, faint, out):  # type: ignore[no-untyped-def]
     for j in range(n):
         q = min(a0[j] * a0[j] + b0[j] * b0[j], a1[j] * a1[j] + b1[j] * b1[j])
         out[j] = one + ease * change[j] * change[j] * q / (q + faint)
-
-
-@njit(fastmath=True, error_model="numpy")
-def _relax(eased, out, flux):  # type: ignore[no-untyped-def]
-    for j in range(out.size):
-        part = out.dtype.type(1) / eased[j]
-        out[j] *= part
-        flux[j] *= part
 
 
 @njit
@@ -80,114 +70,65 @@ def _differences(i, k, state, slope, logs, phases):  # type: ignore[no-untyped-d
 def _end(c, image):  # type: ignore[no-untyped-def]
     """Nothing where a row's pairs leave the image on the side."""
     if c > 0:
-        image[image.size - c :] = 0
+        image[image.size - 1] = 0
     elif c < 0:
-        image[:1] = 0
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def weigh(rank, size, state, z, slope, factors, logs, phases, v, log_fluxes, w, fluxes):  # type: ignore[no-untyped-def]
-    """Strengths V, W and fluxes of every pair; by a team.
-
-    Args:
-        slope: (2, rows + 4, columns + 4), φ's rise by row and by column.
-        z: the state's phasors.
-        factors: (6,) of the pairs; logs, phases: (κ, δ) of l and (κ, δ, 1 / e², faint) of φ, faint being the
-            |Z|² of the darker pixel at which the easing is halved.
-    """
-    rows, n, kind = state.shape[1] - 4, state.shape[2] - 4, state.dtype.type
-    change, turn, eased = np.empty(n, state.dtype), np.empty(n, state.dtype), np.empty(n, state.dtype)
-    log_most, log_square, most, square = logs[0], logs[1] * logs[1], phases[0], phases[1] * phases[1]
-    for i in range(rank * rows // size, (rank + 1) * rows // size):
-        for k in range(6):
-            at = (k, i + 2)
-            here = view(v, at, 2, n), view(log_fluxes, at, 2, n), view(w, at, 2, n), view(fluxes, at, 2, n)
-            if i + ROWS[k] >= rows or factors[k] == 0:
-                for target in here:
-                    target[:] = 0
-                continue
-            _differences(i, k, state, slope, change, turn)
-            double = 2 * factors[k]
-            _strengths(change, kind(double * log_most), kind(log_square), here[0], here[1])
-            _strengths(turn, kind(double * most), kind(square), here[2], here[3])
-            _ease(i, k, z, change, kind(phases[2]), kind(phases[3]), eased)
-            _relax(eased, here[2], here[3])
-            for target in here:
-                _end(COLUMNS[k], target)
+        image[0] = 0
 
 
 @njit(fastmath=True, error_model="numpy")
-def _costs(d, square, out):  # type: ignore[no-untyped-def]
-    one = d.dtype.type(1)
+def _strengthen(d, most, square, eased, out):  # type: ignore[no-untyped-def]
+    """out ← W of the differences d."""
     for j in range(out.size):
-        out[j] = np.log(one + d[j] * d[j] / square)
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def cost(rank, size, state, z, slope, factors, logs, phases, sums):  # type: ignore[no-untyped-def]
-    """sums (rows,) ← the penalties of each row's pairs; arguments as in `weigh`; by a team."""
-    rows, n, kind = state.shape[1] - 4, state.shape[2] - 4, state.dtype.type
-    change, turn, out = np.empty(n, state.dtype), np.empty(n, state.dtype), np.empty(n, state.dtype)
-    for i in range(rank * rows // size, (rank + 1) * rows // size):
-        sums[i] = 0.0
-        for k in range(6):
-            if i + ROWS[k] < rows:
-                _differences(i, k, state, slope, change, turn)
-                _costs(turn, kind(phases[1] * phases[1]), out)
-                _ease(i, k, z, change, kind(phases[2]), kind(phases[3]), turn)
-                out /= turn
-                _end(COLUMNS[k], out)
-                sums[i] += factors[k] * phases[0] * float(out.sum())
-                _costs(change, kind(logs[1] * logs[1]), out)
-                _end(COLUMNS[k], out)
-                sums[i] += factors[k] * logs[0] * float(out.sum())
-
-
-@njit(fastmath=True, error_model="numpy")
-def _inform(z, i, bend, weight, stiff, out):  # type: ignore[no-untyped-def]
-    n, kind = out.size, out.dtype.type
-    a, b, m = view(z, (0, i), 2, n), view(z, (1, i), 2, n), view(bend, (i,), 2, n)
-    tiny = kind(1e-12)
-    for j in range(n):
-        own = weight * m[j] * (a[j] * a[j] + b[j] * b[j])
-        root = np.sqrt(own)
-        out[j] = root * np.sqrt(root * np.sqrt(stiff[j])) + tiny
-
-
-@njit(nogil=True, cache=True)
-def informed(rank, size, z, bend, weight, strengths, out):  # type: ignore[no-untyped-def]
-    """out (rows, columns) ← (d³ k)^¼, the inverse variance of φ but for a constant; by a team.
-
-    Data of density d hold a sheet of stiffness k. A membrane would vary by log(1 + 4π k / d) / (4π k) at a
-    point; with a tilt that is averaged from its surroundings the variance falls faster with d (measured).
-
-    Args:
-        bend: (rows + 4, columns + 4), what data say of a constant φ at |Z| = 1, over `weight`.
-    """
-    rows, n = out.shape
-    stiff = np.zeros(n, out.dtype)
-    for row in range(rank * rows // size, (rank + 1) * rows // size):
-        i = row + 2
-        stiff[:] = 0
-        for k in range(6):
-            r, c = ROWS[k], COLUMNS[k]
-            own, other = view(strengths, (k, i), 2, n), view(strengths, (k, i - r), 2 - c, n)
-            share = out.dtype.type(0.25 * (r * r + c * c))
-            for j in range(n):
-                stiff[j] += share * (own[j] + other[j])
-        _inform(z, i, bend, weight, stiff, out[row])
+        out[j] = most / ((square + d[j] * d[j]) * eased[j])
 
 
 @njit(fastmath=True)
-def _gather(k, i, n, strengths, fluxes, right, diagonal):  # type: ignore[no-untyped-def]
+def _multiply(a, b, out):  # type: ignore[no-untyped-def]
+    for j in range(out.size):
+        out[j] = a[j] * b[j]
+
+
+@njit
+def _shorten(source, out):  # type: ignore[no-untyped-def]
+    for j in range(out.size):
+        out[j] = shorten(source[j])
+
+
+@njit
+def _weigh(i, rows, state, z, slope, factors, logs, phases, lines, out):  # type: ignore[no-untyped-def]
+    """out (2, 2, 4, n + 4) ← strengths and fluxes W d of l and φ, row i's pairs; 0 beyond the image."""
+    n = out.shape[3] - 4
+    change, turn, eased, ones = lines
+    kind, log_square, square = state.dtype.type, logs[1] * logs[1], phases[1] * phases[1]
+    for k in range(PAIRS):
+        if i < 0 or i + ROWS[k] >= rows or factors[k] == 0:
+            out[:, :, k] = 0
+            continue
+        _differences(i, k, state, slope, change, turn)
+        double = 2 * factors[k]
+        _ease(i, k, z, change, kind(phases[2]), kind(phases[3]), eased)
+        for c in range(2):
+            strength, flux = view(out, (c, 0, k), 2, n), view(out, (c, 1, k), 2, n)
+            if c == 0:
+                _strengthen(change, kind(double * logs[0]), kind(log_square), ones, strength)
+                _end(COLUMNS[k], strength)
+                _multiply(strength, change, flux)
+            else:
+                _strengthen(turn, kind(double * phases[0]), kind(square), eased, strength)
+                _end(COLUMNS[k], strength)
+                _multiply(strength, turn, flux)
+
+
+@njit(fastmath=True)
+def _gather(c, k, n, own, last, right, diagonal):  # type: ignore[no-untyped-def]
     """right += what flows in, diagonal += what ties, of one row and one kind of pair."""
-    r, c = ROWS[k], COLUMNS[k]
-    own, other = view(strengths, (k, i), 2, n), view(strengths, (k, i - r), 2 - c, n)
-    out, back = view(fluxes, (k, i), 2, n), view(fluxes, (k, i - r), 2 - c, n)
+    other = own if ROWS[k] == 0 else last
+    w, back = view(own, (c, 0, k), 2, n), view(other, (c, 0, k), 2 - COLUMNS[k], n)
     for j in range(n):
-        right[j] += out[j] - back[j]
+        diagonal[j] += w[j] + back[j]
+    out, inward = view(own, (c, 1, k), 2, n), view(other, (c, 1, k), 2 - COLUMNS[k], n)
     for j in range(n):
-        diagonal[j] += own[j] + other[j]
+        right[j] += out[j] - inward[j]
 
 
 @njit(fastmath=True, error_model="numpy")
@@ -207,50 +148,85 @@ def _finish(i, n, z, pull, bend, factor, right, inverse):  # type: ignore[no-unt
         d1[j] = one / (d1[j] + own)
 
 
-@njit(nogil=True, cache=True)
-def assemble(rank, size, z, pull, bend, factor, logs, phases, right, inverse):  # type: ignore[no-untyped-def]
-    """The right-hand side and the inverse of the diagonal; by a team.
+@njit(nogil=True, cache=True, error_model="numpy")
+def assemble(  # type: ignore[no-untyped-def]
+    rank, size, state, z, slope, factors, logs, phases, pull, bend, factor, v, w, right, inverse
+):
+    """Strengths V, W, the right-hand side and the inverse of the diagonal; by a team.
 
     Args:
-        pull: the data term's gradient at Z; bend: (rows + 4, columns + 4), the operator's diagonal over
+        z: the state's phasors; slope: (2, rows + 4, columns + 4), φ's rise by row and by column.
+        factors: (4,) of the pairs; logs, phases: (κ, δ) of l and (κ, δ, 1 / e², faint) of φ, faint being the
+            |Z|² of the darker pixel at which the easing is halved.
+        pull: the data term's gradient at Z; bend: (rows + 4, columns + 4), its operator's diagonal over
             `factor`.
-        logs, phases: (strengths, fluxes).
-        right, inverse: (2, rows + 4, columns + 4) ← .
+        v, w: (4, rows + 4, columns + 4) ←; right, inverse: (2, rows + 4, columns + 4) ← .
     """
-    rows, n = z.shape[1] - 4, z.shape[2] - 4
-    for row in range(rank * rows // size, (rank + 1) * rows // size):
+    rows, n, kind = state.shape[1] - 4, state.shape[2] - 4, state.dtype
+    lines = np.empty(n, kind), np.empty(n, kind), np.empty(n, kind), np.ones(n, kind)
+    both = np.zeros((2, 2, 2, PAIRS, n + 4), kind)
+    top, end = rank * rows // size, (rank + 1) * rows // size
+    for row in range(top - 1, end):
+        own, last = both[row & 1], both[1 - row & 1]
+        _weigh(row, rows, state, z, slope, factors, logs, phases, lines, own)
+        if row < top:
+            continue
         i = row + 2
+        for k in range(PAIRS):
+            _shorten(view(own, (0, 0, k), 2, n), view(v, (k, i), 2, n))
+            _shorten(view(own, (1, 0, k), 2, n), view(w, (k, i), 2, n))
         for c in range(2):
             target, diagonal = view(right, (c, i), 2, n), view(inverse, (c, i), 2, n)
             target[:] = 0
             diagonal[:] = 0
-            for k in range(6):
-                if c == 0:
-                    _gather(k, i, n, logs[0], logs[1], target, diagonal)
-                else:
-                    _gather(k, i, n, phases[0], phases[1], target, diagonal)
+            for k in range(PAIRS):
+                _gather(c, k, n, own, last, target, diagonal)
         _finish(i, n, z, pull, bend, factor, right, inverse)
 
 
 @njit(fastmath=True)
-def _bounded(state, move, most, least):  # type: ignore[no-untyped-def]
-    for j in range(state.size):
-        state[j] = max(state[j] + min(max(move[j], -most), most), least)
+def pull(i, n, c, x, strengths, out):  # type: ignore[no-untyped-def]
+    """out += Gᵀ W G x in row i of channel c; the row counts from the padding's first."""
+    target, up, here, down = view(out, (c, i), 2, n), (c, i - 1), (c, i), (c, i + 1)
+    x0, xl, xr = view(x, here, 2, n), view(x, here, 1, n), view(x, here, 3, n)
+    xu, xd = view(x, up, 2, n), view(x, down, 2, n)
+    r, l = view(strengths, (0, i), 2, n), view(strengths, (0, i), 1, n)  # noqa: E741
+    d, u = view(strengths, (1, i), 2, n), view(strengths, (1, i - 1), 2, n)
+    for j in range(n):
+        v = x0[j]
+        along = lengthen(r[j]) * (v - xr[j]) + lengthen(l[j]) * (v - xl[j])
+        target[j] += along + lengthen(d[j]) * (v - xd[j]) + lengthen(u[j]) * (v - xu[j])
+    xa, xb, xc, xe = view(x, down, 3, n), view(x, up, 1, n), view(x, down, 1, n), view(x, up, 3, n)
+    a, b = view(strengths, (2, i), 2, n), view(strengths, (2, i - 1), 1, n)
+    s, e = view(strengths, (3, i), 2, n), view(strengths, (3, i - 1), 3, n)
+    for j in range(n):
+        v = x0[j]
+        falling = lengthen(a[j]) * (v - xa[j]) + lengthen(b[j]) * (v - xb[j])
+        target[j] += falling + lengthen(s[j]) * (v - xc[j]) + lengthen(e[j]) * (v - xe[j])
 
 
-@njit(nogil=True, cache=True)
-def advance(rank, size, x, most, least, state, z):  # type: ignore[no-untyped-def]
-    """Move the state by x, at most by `most` (2,), l not below `least`; z ← its phasors; by a team."""
+@njit(fastmath=True, error_model="numpy")
+def _costs(d, square, out):  # type: ignore[no-untyped-def]
+    one = d.dtype.type(1)
+    for j in range(out.size):
+        out[j] = logarithm(one + d[j] * d[j] / square)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def cost(rank, size, state, z, slope, factors, logs, phases, sums):  # type: ignore[no-untyped-def]
+    """sums (rows,) ← the penalties of each row's pairs; arguments as in `assemble`; by a team."""
     rows, n, kind = state.shape[1] - 4, state.shape[2] - 4, state.dtype.type
-    for row in range(rank * rows // size, (rank + 1) * rows // size):
-        i = row + 2
-        l, phase = view(state, (0, i), 2, n), view(state, (1, i), 2, n)  # noqa: E741
-        _bounded(l, view(x, (0, i), 2, n), kind(most[0]), kind(least))
-        _bounded(phase, view(x, (1, i), 2, n), kind(most[1]), kind(-np.inf))
-        a, b = view(z, (0, i), 2, n), view(z, (1, i), 2, n)
-        for j in range(n):
-            a[j] = np.exp(l[j])
-        for j in range(n):
-            b[j] = a[j] * np.sin(phase[j])
-        for j in range(n):
-            a[j] *= np.cos(phase[j])
+    change, turn, out = np.empty(n, state.dtype), np.empty(n, state.dtype), np.empty(n, state.dtype)
+    for i in range(rank * rows // size, (rank + 1) * rows // size):
+        sums[i] = 0.0
+        for k in range(PAIRS):
+            if i + ROWS[k] < rows:
+                _differences(i, k, state, slope, change, turn)
+                _costs(turn, kind(phases[1] * phases[1]), out)
+                _ease(i, k, z, change, kind(phases[2]), kind(phases[3]), turn)
+                out /= turn
+                _end(COLUMNS[k], out)
+                sums[i] += factors[k] * phases[0] * float(out.sum())
+                _costs(change, kind(logs[1] * logs[1]), out)
+                _end(COLUMNS[k], out)
+                sums[i] += factors[k] * logs[0] * float(out.sum())

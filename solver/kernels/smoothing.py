@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 
 def gaussian(deviation: float, reach: int) -> NDArray[np.float64]:
-    """The middle tap of a Gaussian of sum 1 and the `reach` ones on either side."""
-    taps = np.exp(-0.5 * (np.arange(reach + 1) / deviation) ** 2)
+    """The middle tap of a Gaussian of sum 1 and at least `reach` ones on a side, a multiple of three."""
+    taps = np.exp(-0.5 * (np.arange(-(-reach // 3) * 3 + 1) / deviation) ** 2)
     return np.asarray(taps / (2 * taps.sum() - taps[0]))
 
 

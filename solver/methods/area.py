@@ -27,9 +27,11 @@ _NOISE, _CLEAN = 15.0, 0.0006
 relief (see `solver.noise`): the scene's range in its place costs a detailed object an eighth of its squared
 error, or the recorded scenes 6 % of their mean absolute error."""
 
-_MIXING = 0.02
+_MIXING = 0.005
 """Of the scene's range, where an ambiguity range says that samples average phasors: what the average of
-distances errs by counts as noise. Without it, a quarter of the noise raises thin things' error by 13 %."""
+distances errs by. It counts as noise that no number of frames lowers: √N times as much of each sample.
+Without it a quarter of the noise raises thin things' error by 13 %, and without √N four times the frames that
+of a dark floor by 5 %."""
 
 _SMOOTH = 0.01
 """Of the scene's range, the least relief: a scene without edges is not smoothed without bounds."""
@@ -154,7 +156,7 @@ def _strength(problem: Problem, used: NDArray[np.bool_]) -> float:
         return float(problem.options.regularization)
     noise, extent = problem.usual_deviation, problem.spread
     if problem.ambiguity_range is not None:
-        noise = float(np.hypot(noise, _MIXING * extent))
+        noise = float(np.hypot(noise, _MIXING * np.sqrt(len(problem.distance)) * extent))
     scale = max(float(np.abs(problem.distance[used]).max()), float(np.finfo(np.float32).tiny))
     if extent <= 1e-6 * scale:
         return max(noise, 1e-6 * scale)

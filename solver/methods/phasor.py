@@ -34,7 +34,7 @@ _RENEWED = schedule(7, 5, 11)
 """Of a stream that is prepared anew, which starts from the data too: edges that a map of other frames has
 found elsewhere hold out against sharp steps, for a fifth more mean absolute error."""
 
-_FOLLOWED, _CHANGED = (Step(1.0, 3),), SCHEDULE[5::2]
+_FOLLOWED, _CHANGED = (Step(1.0, 2),), SCHEDULE[4::2]
 """After an exchange of one frame, and of more, where the scene has changed; from the map before."""
 
 _TOLD = 100.0
@@ -96,7 +96,7 @@ def _run(
         if watch and step.blunt < _TOLD:
             course.distrust()
         if progress is not None:
-            progress(taken, course.objective(), None)
+            progress(taken, None, None)  # the objective would cost as much as some rounds
         if taken >= limit:
             return taken, step is steps[-1]
     return taken, True

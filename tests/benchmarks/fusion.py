@@ -44,12 +44,12 @@ AMBIGUITY_RANGE = 400.0  # the object spans 0..182
 # direction read and written; the map that a diagonal operator draws to read, or with a footprint the data's
 # gradient and the products of direction and step read and written, and two slopes read. By pixel: radius and
 # curvature, with a footprint five stencil images and six bytes of ties. `phasor` by round of conjugate
-# gradients: twelve strengths, five stencil images, and by channel the phasors twice, the diagonal twice,
-# direction 5, its turn 3, its product 3, residual 3 and step 2 times.
+# gradients: eight strengths of two bytes, five stencil images, and by channel the phasors and the diagonal
+# read, direction, its product, residual and step read and written.
 TRAFFIC = {
     "lidarboost": 4 * (6 + 1 + 2),
     "area": 4 * (6 + 6 + 2 + 2 + 5 + 1.5),
-    "phasor": 4 * (12 + 5 + 2 * (2 + 2 + 5 + 3 + 3 + 3 + 2)),
+    "phasor": 4 * (4 + 5 + 2 * (2 + 8)),
 }
 
 

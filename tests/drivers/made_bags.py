@@ -128,15 +128,18 @@ class Ros:
     def add(self, topic, kind, message, log_time):
         self.written.append(Written(topic, kind, message, log_time))
 
-    def save(self, path: Path, storage="mcap"):
-        """Write everything: a ROS 1 bag, or a ROS 2 folder of that storage."""
-        return self._save_old(path) if self.is_old else self._save_new(path, storage)
+    def save(self, path: Path, storage="mcap", compression=None):
+        """Write everything: a ROS 1 bag, or a ROS 2 folder of that storage, packed by `FILE` or `MESSAGE`."""
+        return self._save_old(path) if self.is_old else self._save_new(path, storage, compression)
 
-    def _save_new(self, path, storage):
-        from rosbags.rosbag2 import StoragePlugin, Writer
+    def _save_new(self, path, storage, compression):
+        from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
         plugin = StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3
-        with Writer(path, version=9, storage_plugin=plugin) as writer:
+        writer = Writer(path, version=9, storage_plugin=plugin)
+        if compression is not None:
+            writer.set_compression(CompressionMode[compression], CompressionFormat.ZSTD)
+        with writer:
             self._write(writer, self.store.serialize_cdr)
         return path
 

@@ -46,6 +46,15 @@ def test_a_bag_of_ros_2_becomes_frames(tmp_path, storage):
     assert (known.fx, known.fy, known.cx, known.cy) == (K[0], K[4], K[2], K[5])
 
 
+@pytest.mark.parametrize("mode", ["FILE", "MESSAGE"])
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_a_bag_that_is_compressed_as_a_whole_or_by_message_is_read(tmp_path, storage, mode):
+    _, frames = imported(depth_bag().save(tmp_path / "bag", storage, mode))
+    assert [round(frame.distance[5, 5] * 1000) for frame in frames] == [
+        int(depth_image(number)[5, 5]) for number in range(4)
+    ]
+
+
 def test_one_file_of_a_bag_and_one_of_ros_1_are_read_alike(tmp_path):
     folder = depth_bag(amplitude=True).save(tmp_path / "bag", "sqlite3")
     (alone,) = folder.glob("*.db3")

@@ -23,6 +23,8 @@ from made_bags import SHAPE, Ros, depth_image
 from made_frames import make_frame
 from zenoh_source import zenoh_source
 
+pytestmark = pytest.mark.slow  # two services are started
+
 FRAMES = 4
 IMAGE, INFO = (
     f"0/eye/depth/{name}/sensor_msgs::msg::dds_::{kind}_/RIHS01_1"
@@ -50,6 +52,7 @@ def fused(tmp_path, source):
             "camera": {"backend": "zenoh", "options": {"endpoint": source.endpoint, "wait": 20} | options},
             "fusion": {"method": "nearest", "upsampling": 2, "register_poses": False, "frames": FRAMES},
             "zenoh": {"config": str(zenoh)},
+            "ros2": {"enabled": True, "domain": 9},
         }
         settings = load(None, sections)
         summary = run_service(settings, make_rig(settings), output=tmp_path / "out", once=True)
@@ -71,7 +74,7 @@ def test_a_depth_camera_under_ros_2_is_fused(source, fused):
 
     source.repeat(publish, IMAGE)
     summary, recording = fused(source="ros2", depth="/eye/depth/image_raw", kind="depth")
-    assert (summary.frames, summary.maps) == (FRAMES, 1)
+    assert (summary.frames, summary.maps, summary.lost) == (FRAMES, 1, ())
     frames = list(recording.frames())
     assert [frame.amplitude for frame in frames] == [None] * FRAMES
     assert {frame.counts.dtype for frame in frames} == {np.dtype("f4")}

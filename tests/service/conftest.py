@@ -14,7 +14,7 @@ from service.messages.map import FusedMap
 NOISE, SHAPE = 0.01, (36, 44)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def free_endpoint() -> Callable[[], str]:
     """Loopback endpoints that are free."""
 

@@ -68,6 +68,15 @@ def test_without_a_service_the_client_says_so(endpoint: str) -> None:
         rig.scan.stop(timeout=0.3)
 
 
+def test_what_takes_too_long_is_said_to_be_on_its_way(service: Running, endpoint: str) -> None:
+    service.daemon.control.inbox.submit(lambda: time.sleep(2), "burst")  # the devices are at work
+    with (
+        Client(endpoint) as rig,
+        pytest.raises(RemoteError, match=r"not done within 0\.5 s; it may be carried"),
+    ):
+        rig.scan.once(timeout=0.5)
+
+
 def run(endpoint: str, *arguments: str) -> tuple[int, str, str]:
     result = CliRunner().invoke(app, [*arguments, "--endpoint", endpoint])
     return result.exit_code, result.stdout, result.stderr

@@ -126,9 +126,12 @@ def test_plan_and_fusion_are_changed_by_the_fields_that_change(tmp_path: Path, e
             ({"pan": 1000.0}, "OUT_OF_RANGE"),
             ({"axes": "roll"}, "INVALID_ARGUMENT"),
             ({"frames": 3}, "INVALID_ARGUMENT"),
+            ({"nearest": 10.0}, "INVALID_ARGUMENT"),
         ):
             assert far.ask("cmd/plan", action="set", **refused)["code"] == code
         assert far.ask("cmd/plan", action="get")["plan"] == before
+        assert far.ask("cmd/plan", action="set", farthest=20.0)["plan"]["farthest"] == 20.0
+        assert far.ask("cmd/plan", action="set", nearest=10.0)["plan"]["nearest"] == 10.0
         heads = [event.head for event in service.of(HeadChanged)]
         used = next(data for name, data, _ in heads[-1].attachments if "configuration" in name)
         assert b'method = "bicubic"' in used
@@ -221,6 +224,8 @@ def test_where_the_stage_is_can_be_asked_in_a_pause(tmp_path: Path, endpoint: st
         ('{"action": "set", "integration_time": "1"}', "INVALID_ARGUMENT", "integration_time = '1'"),
         ('{"action": "set", "integration_time": 9}', "OUT_OF_RANGE", "less than or equal to 0.1"),
         ('{"action": "set", "integration_time": 1e999}', "OUT_OF_RANGE", "integration_time"),
+        ('{"action": "set", "frame_rate": -1}', "OUT_OF_RANGE", "frame_rate = -1"),
+        ('{"action": "set", "frame_rate": "1"}', "INVALID_ARGUMENT", "frame_rate = '1'"),
     ],
 )
 def test_what_is_not_understood_is_refused_with_what_is_allowed(payload: str, code: str, said: str) -> None:
@@ -233,6 +238,42 @@ def test_what_is_not_understood_is_refused_with_what_is_allowed(payload: str, co
     assert said in str(caught.value)
     assert len(str(caught.value)) < 1000
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "payload", "code", "said"),
+    [
+        (
+            "cmd/fusion",
+            {"action": "set", "regularization": -1},
+            "OUT_OF_RANGE",
+            "cmd/fusion set: regularization = -1: Input should be greater than 0 (λ",
+        ),
+        (
+            "cmd/record",
+            {"action": "fetch"},
+            "INVALID_ARGUMENT",
+            "cmd/record fetch: 'file' is missing (In the recording folder.)",
+        ),
+        (
+            "cmd/replay",
+            {"action": "seek"},
+            "INVALID_ARGUMENT",
+            "cmd/replay seek: expected one of seconds, burst and frame",
+        ),
+    ],
+)
+def test_a_refusal_names_the_field_and_what_is_expected(
+    name: str, payload: dict[str, object], code: str, said: str
+) -> None:
+    from service.daemon.commands import commands
+    from service.errors import CommandError
+
+    with pytest.raises(CommandError) as caught:
+        commands()[name].read(json.dumps(payload).encode())
+    assert caught.value.code == code
+    assert str(caught.value).startswith(said)
+    assert "'auto'" not in str(caught.value).split("(")[0]
 
 
 def test_a_newcomer_adds_a_command_in_one_file(
@@ -307,6 +348,20 @@ def test_a_stage_that_moves_is_stopped_at_once_and_the_scan_with_it(tmp_path: Pa
         assert service.rig.stage.stops >= 1
         service.wait_state("idle")
         assert len(service.rig.stage.moves) == 1
+
+
+def test_a_stage_stopped_in_a_pause_does_not_move_again(tmp_path: Path, endpoint: str) -> None:
+    with running(configuration(tmp_path, endpoint), hasty_rig()) as service, stranger(endpoint) as far:
+        for _ in range(5):  # which thread is first is chance
+            begun = len(service.rig.stage.moves)
+            far.ask("cmd/scan", action="start")
+            service.wait(lambda begun=begun: len(service.rig.stage.moves) > begun)
+            far.ask("cmd/scan", action="pause")
+            far.ask("cmd/stage", action="get")  # answered where it stands still
+            moves = list(service.rig.stage.moves)
+            assert "code" not in far.ask("cmd/stage", action="stop")
+            service.wait_state("idle")
+            assert service.rig.stage.moves == moves
 
 
 def test_homing_needs_idle_and_is_stopped_by_stop(tmp_path: Path, endpoint: str) -> None:

@@ -2,11 +2,15 @@
 
 import json
 import re
+import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 from drivers import backends, make_camera, make_stage
 from drivers.clock import VirtualClock
@@ -20,7 +24,8 @@ from solver import FusionOptions, fuse, methods
 Write = Callable[[str, str], str]
 
 SETTINGS = {"integration_time": 1e-3}
-PAGE = (Path(__file__).parents[2] / "CONTRIBUTING.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture
@@ -86,3 +91,26 @@ def test_a_newcomer_adds_a_method(write: Write, monkeypatch: pytest.MonkeyPatch)
     fused = fuse(frames, options=options, shifts=np.zeros((2, 2)))
     np.testing.assert_allclose(fused.distance, 2.1, atol=1e-6)
     assert fused.report.method == "average"
+
+
+@pytest.mark.slow
+def test_a_newcomer_adds_a_topic(tmp_path: Path, endpoint: str) -> None:
+    """In a copy of the packages."""
+    git = shutil.which("git")
+    if git is None:
+        pytest.skip("needs git, to apply the page's change")
+    for package in ("service", "drivers", "solver"):
+        shutil.copytree(ROOT / package, tmp_path / package, symlinks=True)
+    shutil.copy(ROOT / "lidarboost.py", tmp_path)
+    (change,) = re.findall(r"```diff\n(.*?)```", PAGE, flags=re.S)
+    subprocess.run([git, "apply", "--recount", "-"], cwd=tmp_path, input=change, text=True, check=True)
+    (tmp_path / "zenoh.json5").write_text(json.dumps({"listen": {"endpoints": [endpoint]}}))
+    (tmp_path / "rig.toml").write_text('[zenoh]\nconfig = "zenoh.json5"\n[fusion]\nmethod = "nearest"\n')
+    recording = ROOT / "recordings" / "wedges.mcap"
+    command = [sys.executable, "-m", "lidarboost", "run", "rig.toml", "--replay", str(recording), "--once"]
+    command += ["--output", "out"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=150)
+    assert done.returncode == 0, done.stderr
+    with (tmp_path / "out" / "fused.mcap").open("rb") as file:
+        (found,) = [m for _, _, m in make_reader(file).iter_messages(topics=["/fused/median"])]
+    assert 2.0 < json.loads(found.data)["metres"] < 3.5

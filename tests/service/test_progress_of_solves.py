@@ -69,6 +69,7 @@ def test_plain_lines_tell_each_pose_once_and_the_solve_now_and_then(
     show = _Lines()
     solver = SolverProgress(burst=0, iteration=30, objective=1234.5678, gap=0.05)
     for told in (
+        ScanProgress(poses=2, captured=2),  # the last burst, of long ago
         ScanProgress(poses=2, captured=1),
         ScanProgress(poses=2, captured=2, fusing=1),
         ScanProgress(poses=2, captured=2, fusing=1, solver=solver),

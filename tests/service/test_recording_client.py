@@ -60,6 +60,8 @@ def test_the_client_plays_and_records(
         with pytest.raises(NotFoundError):
             rig.record.fetch("none.mcap", tmp_path / "none.mcap")
         assert not list(tmp_path.glob("none*"))
+        (tmp_path / "folder").mkdir()
+        assert rig.record.fetch("five.mcap", str(tmp_path / "folder")) == tmp_path / "folder" / "five.mcap"
         assert rig.record.recover("five.mcap")["recovered"]["lost"] is None
     assert isinstance(rig.record, Record)
 

@@ -29,7 +29,9 @@ def rmse(distance: np.ndarray, scene: Burst, options: FusionOptions) -> float:
     return errors(fused.distance, scene.truth).rmse
 
 
-@pytest.mark.parametrize("method", ["shift-and-add", "mrf", "lidarboost", "area", "phasor"])
+@pytest.mark.parametrize(
+    "method", ["shift-and-add", pytest.param("mrf", marks=pytest.mark.slow), "lidarboost", "area", "phasor"]
+)
 def test_somebody_who_passes_by_leaves_no_trace(method: Method) -> None:
     scene, options = burst(0.01), FusionOptions(method=method)
     quiet = rmse(scene.distance, scene, options)

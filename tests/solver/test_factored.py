@@ -1,5 +1,6 @@
 """`phasor` on scenes of many kinds: print, thin bars, dark things, no return, better data."""
 
+import cv2
 import numba
 import numpy as np
 import pytest
@@ -25,7 +26,8 @@ class Scene:
     def __init__(self, distance, light, frames=12, noise=1.0, seed=0):
         rng = np.random.default_rng(seed)
         field = light * np.exp(2j * np.pi * distance / RANGE) * np.ones_like(ROW)
-        self.truth = self._cut(np.broadcast_to(distance, ROW.shape), 4)
+        self._distance = np.broadcast_to(distance, ROW.shape)
+        self.truth = self.at(4)
         steps = rng.integers(-12, 13, (frames, 2))
         steps[0] = 0
         self.shifts = steps / RAYS
@@ -39,6 +41,10 @@ class Scene:
         self.distance = np.mod(np.angle(phasors), 2 * np.pi) * RANGE / (2 * np.pi)
         self.amplitude = np.abs(phasors)
         self.noise = noise * NOISE * RANGE / (2 * np.pi)
+
+    def at(self, factor):
+        """The truth at another upsampling."""
+        return self._cut(self._distance, factor)
 
     @staticmethod
     def _cut(field, factor):
@@ -72,6 +78,14 @@ def test_print_on_a_flat_wall_stays_flat(contrast, most):
     scene = Scene(np.full_like(ROW, 2.0), dots(contrast))
     assert scene.rms() < most
     assert scene.rms() < 0.25 * scene.rms("nearest")
+
+
+@pytest.mark.parametrize("factor", [2, 3, 4, 8])
+def test_a_smooth_thing_is_found_at_every_upsampling(factor):
+    scene = Scene(2 + 0.03 * np.sin(ROW / 5) * np.cos(COLUMN / 6), 2500 + 500 * np.sin(COLUMN))
+    found = scene.fused(upsampling=factor).distance
+    exact = cv2.resize(scene.at(RAYS), (28 * factor, 24 * factor), interpolation=cv2.INTER_AREA)
+    assert np.sqrt(np.mean((found - exact) ** 2)) < 3e-3
 
 
 def test_a_dark_thing_before_a_bright_wall_stands_where_it_is():

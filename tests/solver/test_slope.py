@@ -5,6 +5,7 @@ import pytest
 
 from solver.footprint import AreaTerm
 from solver.kernels.prior import PAD
+from solver.kernels.smoothing import gaussian
 from solver.memory_gradient import minimise, start
 from solver.options import Footprint
 from solver.positions import sample_positions
@@ -21,11 +22,21 @@ def ramp(rows: int = 40, columns: int = 60) -> np.ndarray:
     return np.stack([0.5 * i - 0.2 * j, 0.1 * i + 0.3 * j])
 
 
-def test_the_slope_of_a_ramp_is_its_rise_by_row_and_by_column() -> None:
-    found = slope(padded(ramp()), edge=100.0)[:, :, 12:-12, 12:-12]
+@pytest.mark.parametrize("reach", [2.0, 4.0, 5.0, 6.0, 8.0, 16.0])
+def test_the_slope_of_a_ramp_is_its_rise_by_row_and_by_column(reach: float) -> None:
+    found = slope(padded(ramp()), edge=100.0, reach=reach)[:, :, 12:-12, 12:-12]
     assert found == pytest.approx(
         np.broadcast_to([[[[0.5]], [[-0.2]]], [[[0.1]], [[0.3]]]], found.shape), abs=1e-3
     )
+
+
+@pytest.mark.parametrize("reach", [3, 8, 11, 15, 29])
+def test_a_gaussian_has_as_many_taps_as_the_loops_take(reach: int) -> None:
+    """They take three at a time, and would read on beyond the last."""
+    taps = gaussian(reach / 3.6, reach)
+    assert taps.size > reach
+    assert taps.size % 3 == 1
+    assert 2 * taps.sum() - taps[0] == pytest.approx(1)
 
 
 def test_a_ramp_costs_nothing_where_its_slope_is_known() -> None:
@@ -49,6 +60,7 @@ def test_an_edge_has_no_say() -> None:
     assert np.abs(slope(padded(step), edge=1.0)).max() < 0.01
 
 
+@pytest.mark.slow
 def test_the_gap_closes_with_a_slope_too() -> None:
     """Iteration and certificate agree on what the slope foretells: both bounds meet at the optimum."""
     rng = np.random.default_rng(5)

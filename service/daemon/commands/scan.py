@@ -115,7 +115,7 @@ class Check(Verb):
     def carry_out(self, desk: Desk) -> Answer:
         daemon = desk.daemon
         if daemon.carries_pose:
-            raise InvalidStateError("a recording is played: its poses and its exposure are what they are")
+            raise InvalidStateError("poses and exposure are those of a recording or of another rig")
         settings, rig, grabber = daemon.configuration, daemon.rig, daemon.grabber
         plan = planned(settings, rig, settings.fusion.frames)
         section = settings.plan

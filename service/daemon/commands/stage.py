@@ -41,6 +41,7 @@ class Stop(Verb):
         was_idle = desk.is_idle
         daemon.control.halt()
         if not was_idle:
+            daemon.control.cancel()  # once that is stopped which moves, the burst must not go on
             daemon.rest()
         try:
             halted = daemon.control.inbox.submit(lambda: _halt(desk), "pose")

@@ -1,0 +1,71 @@
+"""What a factored phasor is moved by, and what is known of it. Images as in `kernels.pairs`."""
+
+import numpy as np
+from numba import njit
+
+from solver.kernels.elementary import exponential, lengthen, sine_cosine
+from solver.kernels.pairs import COLUMNS, PAIRS, ROWS
+from solver.kernels.view import view
+
+
+@njit(fastmath=True)
+def _bounded(state, move, most, least):  # type: ignore[no-untyped-def]
+    for j in range(state.size):
+        state[j] = max(state[j] + min(max(move[j], -most), most), least)
+
+
+@njit(fastmath=True, error_model="numpy")
+def _phasors(logs, phases, a, b):  # type: ignore[no-untyped-def]
+    for j in range(a.size):
+        a[j] = exponential(logs[j])
+    for j in range(a.size):
+        sine, cosine = sine_cosine(phases[j])
+        b[j] = a[j] * sine
+        a[j] *= cosine
+
+
+@njit(nogil=True, cache=True)
+def advance(rank, size, x, most, least, state, z):  # type: ignore[no-untyped-def]
+    """Move the state by x, at most by `most` (2,), l not below `least`; z ← its phasors; by a team."""
+    rows, n, kind = state.shape[1] - 4, state.shape[2] - 4, state.dtype.type
+    for row in range(rank * rows // size, (rank + 1) * rows // size):
+        i = row + 2
+        l, phase = view(state, (0, i), 2, n), view(state, (1, i), 2, n)  # noqa: E741
+        _bounded(l, view(x, (0, i), 2, n), kind(most[0]), kind(least))
+        _bounded(phase, view(x, (1, i), 2, n), kind(most[1]), kind(-np.inf))
+        _phasors(l, phase, view(z, (0, i), 2, n), view(z, (1, i), 2, n))
+
+
+@njit(fastmath=True, error_model="numpy")
+def _inform(z, i, bend, weight, stiff, out):  # type: ignore[no-untyped-def]
+    n, kind = out.size, out.dtype.type
+    a, b, m = view(z, (0, i), 2, n), view(z, (1, i), 2, n), view(bend, (i,), 2, n)
+    tiny = kind(1e-12)
+    for j in range(n):
+        own = weight * m[j] * (a[j] * a[j] + b[j] * b[j])
+        root = np.sqrt(own)
+        out[j] = root * np.sqrt(root * np.sqrt(stiff[j])) + tiny
+
+
+@njit(nogil=True, cache=True)
+def informed(rank, size, z, bend, weight, strengths, out):  # type: ignore[no-untyped-def]
+    """out (rows, columns) ← (d³ k)^¼, the inverse variance of φ but for a constant; by a team.
+
+    Data of density d hold a sheet of stiffness k. A membrane would vary by log(1 + 4π k / d) / (4π k) at a
+    point; with a tilt that is averaged from its surroundings the variance falls faster with d (measured).
+
+    Args:
+        bend: (rows + 4, columns + 4), what data say of a constant φ at |Z| = 1, over `weight`.
+    """
+    rows, n = out.shape
+    stiff = np.zeros(n, out.dtype)
+    for row in range(rank * rows // size, (rank + 1) * rows // size):
+        i = row + 2
+        stiff[:] = 0
+        for k in range(PAIRS):
+            r, c = ROWS[k], COLUMNS[k]
+            own, other = view(strengths, (k, i), 2, n), view(strengths, (k, i - r), 2 - c, n)
+            share = out.dtype.type(0.25 * (r * r + c * c))
+            for j in range(n):
+                stiff[j] += share * (lengthen(own[j]) + lengthen(other[j]))
+        _inform(z, i, bend, weight, stiff, out[row])
