@@ -20,6 +20,7 @@ def fuse_many(
     Raises:
         ClusterError: the cluster cannot be used.
     """
+    from drivers.names import shown
     from service.jobs.task import failed
 
     done: dict[str, FileResult] = {}
@@ -33,12 +34,12 @@ def fuse_many(
         except ClusterLostError as error:
             lost = error
     if lost is not None:
-        left = [task for task in tasks if str(task.path) not in done]
+        left = [task for task in tasks if shown(task.path) not in done]
         again = "" if tasks[0].directory is None else ": the same command goes on from there"
         print(f"error: {lost}; {len(left)} of {len(tasks)} recordings are not fused{again}", file=sys.stderr)
-        done |= {str(task.path): failed(task, str(lost)) for task in left}
+        done |= {shown(task.path): failed(task, str(lost)) for task in left}
     print(_account(list(done.values())), file=sys.stderr)
-    return [done[str(task.path)] for task in tasks]
+    return [done[shown(task.path)] for task in tasks]
 
 
 def tell(result: "FileResult", *, quiet: bool) -> None:

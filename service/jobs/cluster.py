@@ -59,7 +59,10 @@ def _next(done: Queue[Any], client: Any, address: str) -> Any:
     seen = monotonic()
     while True:
         try:
-            return done.get(timeout=_LOOK)
+            future = done.get(timeout=_LOOK)
+            if future.status != "pending":
+                return future
+            future.add_done_callback(done.put)  # its worker was lost with the result: it is done again
         except Empty:
             if workers_of(client, address):
                 seen = monotonic()

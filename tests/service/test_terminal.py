@@ -63,7 +63,8 @@ def test_what_a_spinner_tells() -> None:
 
 def test_a_recording_that_is_fused_and_its_results() -> None:
     with terminal() as screen:
-        with _progress(Path("folder") / NAME, 3, quiet=False) as (_, tell):
+        with _progress(Path("folder") / NAME, quiet=False) as (begun, _, tell):
+            begun(3)
             tell(f"wrote {NAME}")
         assert f"wrote {NAME}" in screen.getvalue()
         assert screen.getvalue().count(NAME) > 1
