@@ -76,13 +76,13 @@ class PageKeeper:
                     pause = _FIRST_PAUSE
                 return
             except WorkerError as error:
-                self.url = None
                 if self._over.is_set():
                     return
                 if str(error) != self._said:
                     _log.error("%s; %s", error, _REMEDY)
                 self._said = str(error)
                 self._states.degrade(_PART, str(error), _REMEDY)
+                self.url = None
             self._worker.kill()
             self._over.wait(pause)
             pause = min(2 * pause, _LONGEST_PAUSE)
