@@ -49,18 +49,12 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def node_modules(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The MCAP project's packages, newest of these series."""
-    if shutil.which("npm") is None:
-        pytest.skip("needs node and npm")
-    folder = tmp_path_factory.mktemp("node")
-    wanted = {"@mcap/core": "^2.2", "@mcap/support": "^1.1", "@mcap/nodejs": "^1.0"}
-    (folder / "package.json").write_text(json.dumps({"private": True, "dependencies": wanted}))
-    command = ["npm", "install", "--no-audit", "--no-fund", "--silent"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300, check=False)
-    if done.returncode:
-        pytest.skip(f"the packages cannot be had: {done.stderr[-200:]}")
-    return folder
+def node_modules() -> Path:
+    """Whose `node_modules`, named by `MCAP_MODULES`, has @mcap/core, @mcap/support and @mcap/nodejs."""
+    modules = Path(os.environ.get("MCAP_MODULES", ""))
+    if shutil.which("node") is None or not (modules / "@mcap" / "core").exists():
+        pytest.skip("needs node, and MCAP_MODULES with @mcap/core, @mcap/support and @mcap/nodejs")
+    return modules.resolve().parent
 
 
 @pytest.mark.slow
@@ -70,7 +64,8 @@ def test_the_mcap_projects_own_readers_decode_every_topic(recorded: Path, node_m
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     wanted = {f"/{name}" for name, topic in TOPICS.items() if topic.recorded}
-    assert wanted - found.keys() <= {"/fused/amplitude"}
+    # Not every method gives an amplitude, and so short a run may end before a second has passed.
+    assert wanted - found.keys() <= {"/fused/amplitude", "/status"}
     assert found["/camera/distance"]["count"] == 15
     assert found["/fused/depth_mm"] == {
         "count": 1, "frame": "fused", "encoding": "16UC1", "bytes": 704 * 576 * 2
