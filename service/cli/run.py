@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from service.config.sections import Configuration
     from service.daemon.daemon import Daemon
-    from service.fusion.local import LocalExecutor
+    from service.fusion.executor import Executor
     from service.messages.summary import RunSummary
     from service.signals import Stopping
 
@@ -108,10 +108,10 @@ def run(
     with stopping(reloads=not once and not _has_terminal()) as signals, ExitStack() as stack:
         _check(replay, speed, loop, once)
         worker = stack.enter_context(fusion_process())  # it starts while the rest is imported
-        from service.fusion.local import LocalExecutor
+        from service.fusion.configured import configured_executor
 
         configuration = read()
-        executor = stack.enter_context(LocalExecutor.configured(configuration, worker))
+        executor = stack.enter_context(configured_executor(configuration, worker))
         summary = _served(configuration, executor, output, signals, read, home=home, once=once, quiet=as_json)
     if summary is None:
         if once:
@@ -127,7 +127,7 @@ def run(
 
 def _served(
     configuration: "Configuration",
-    executor: "LocalExecutor",
+    executor: "Executor",
     output: Path | None,
     signals: "Stopping",
     read: "Callable[[], Configuration]",

@@ -30,7 +30,7 @@ from service.daemon.states import States
 from service.daemon.supervision import Supervision
 from service.daemon.systemd import READY, STOPPING, notify
 from service.errors import InvalidStateError, IoFailureError, MotionError
-from service.fusion.local import LocalExecutor
+from service.fusion.executor import Executor
 from service.messages.events import Event, FrameCaptured, ScanProgressed
 from service.messages.replay import ReplayState
 from service.messages.status import CommandCounts
@@ -62,7 +62,7 @@ class Daemon:
         configuration: Configuration,
         rig: Rig,
         bus: Bus,
-        executor: LocalExecutor,
+        executor: Executor,
         *,
         once: bool = False,
     ) -> None:

@@ -18,7 +18,8 @@ from service.daemon.network import Network
 from service.daemon.page import kept_page
 from service.daemon.recording import begin_recorder
 from service.files import made_directory
-from service.fusion.local import LocalExecutor
+from service.fusion.configured import configured_executor
+from service.fusion.executor import Executor
 from service.messages.summary import BurstSummary, RunSummary
 from service.messages.viewing import Extras
 from service.sinks.bus import Bus
@@ -58,7 +59,7 @@ def run_service(
     output: Path | None = None,
     once: bool = False,
     sinks: SinkMakers | None = None,
-    executor: LocalExecutor | None = None,
+    executor: Executor | None = None,
     started: Callable[[Daemon], None] = lambda _: None,
     abandoned: Callable[[Sequence[str]], None] | None = None,
 ) -> RunSummary:
@@ -87,7 +88,7 @@ def run_service(
     makers = {**configured_sinks(configuration.sinks), **(sinks or {})}
     with ExitStack() as stack:
         if executor is None:
-            executor = stack.enter_context(LocalExecutor.configured(configuration))
+            executor = stack.enter_context(configured_executor(configuration))
         session = stack.enter_context(open_session(file=configuration.zenoh.config, lossless=once))
         if output is not None:
             stack.enter_context(made_directory(output))

@@ -28,7 +28,7 @@ def answering() -> Callable[[Job | WarmUp], Answer]:
     def answer(request: Job | WarmUp) -> Answer:
         try:
             if isinstance(request, WarmUp):
-                return _warm_up(request)
+                return warm_up(request)
             if isinstance(request, BurstJob):
                 return fuse_burst(request.burst, request.settings, _iterations_told())
             return _stream(streams, request).push(request)
@@ -74,7 +74,7 @@ def _stream(streams: dict[int, Stream], job: FrameJob) -> Stream:
     return streams[job.stream]
 
 
-def _warm_up(request: WarmUp) -> Ready:
+def warm_up(request: WarmUp) -> Ready:
     """Compile the kernels of the configured method on a small scene: a step, seen by some frames."""
     began = time.perf_counter()
     with _compilations_told():
