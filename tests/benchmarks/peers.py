@@ -5,7 +5,8 @@ leaves unknown (they count as their nearest known neighbour), seconds, and peak 
 All get the same rotations, those that `fuse` finds, and no frame that it rejects. Each peer is shown at the
 settings, of those in `peer_methods.py`, whose RMS error against the truth is least: better than anybody could
 choose who has no truth. Ours run with λ `auto`. A peer that is not installed is passed over.
-Time and memory are the least of two runs after one to warm up. `results/peers.json` holds such a table.
+Time and memory are the least of two runs after one to warm up. `results/peers.json` holds such a table. Needs
+the extra `peers`, in an environment of its own: with it comes a plugin that pytest warns of.
 """
 
 import argparse
