@@ -268,9 +268,12 @@ def test_chunks_are_compressed_fast_and_those_of_other_writers_as_ever(tmp_path)
     message = image_message("camera/distance", noise, "32FC1", timestamp=START)
     with RecordingWriter(tmp_path / "ours.mcap") as writer:
         writer.write(message, START)
-    with (tmp_path / "theirs.mcap").open("wb") as file, Writer(file) as other:
+    with (tmp_path / "theirs.mcap").open("wb") as file:
+        other = Writer(file)
+        other.start()
         channel = other.register_channel("noise", "", other.register_schema("", "", b""))
         other.add_message(channel, START, message.payload, START)
+        other.finish()
     for name, level in (("ours", 1), ("theirs", 3)):
         (chunk,) = chunks(tmp_path / f"{name}.mcap")
         raw = zstandard.decompress(chunk.data)
