@@ -14,6 +14,7 @@ from service.config.sections import Configuration
 from service.daemon.commanded import commanded
 from service.daemon.daemon import Daemon
 from service.daemon.last_resort import last_resort
+from service.daemon.namesakes import Namesakes
 from service.daemon.network import Network
 from service.daemon.page import kept_page
 from service.daemon.recording import begin_recorder
@@ -96,6 +97,7 @@ def run_service(
         daemon = Daemon(configuration, rig, bus, executor, once=once)
         bus.add("summaries", lambda: Summaries(summaries))
         daemon.lookouts.append(Network(Links(session, configuration.zenoh.config), daemon.states).look)
+        daemon.lookouts.append(Namesakes(session, configuration.zenoh.prefix, daemon.states).look)
         bus.add(PUBLISHER, lambda: _publisher(configuration, session, once))
         begin_recorder(bus, configuration.recording, order_of(configuration.recording).wish)
         if configuration.metrics.enabled:
