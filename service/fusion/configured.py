@@ -1,14 +1,12 @@
 """The executor that a configuration asks for."""
 
-from importlib.util import find_spec
-
 from service.config.sections import Configuration
-from service.errors import ConfigurationError
 from service.fusion.cluster import ClusterExecutor
 from service.fusion.executor import Executor
 from service.fusion.job import WarmUp
 from service.fusion.local import LocalExecutor
 from service.processes.worker import Worker
+from service.versions import require_packages
 
 
 def configured_executor(configuration: Configuration, worker: Worker | None = None) -> Executor:
@@ -25,9 +23,5 @@ def configured_executor(configuration: Configuration, worker: Worker | None = No
     window = configuration.stream.window if configuration.start == "stream" else None
     if settings.executor == "local" or settings.cluster is None:
         return LocalExecutor(settings, window, worker)
-    if find_spec("distributed") is None:
-        raise ConfigurationError(
-            'fusion.executor "cluster" needs the library distributed, which is not installed: '
-            "pip install 'lidarboost[cluster]'"
-        )
+    require_packages("cluster", "distributed")
     return ClusterExecutor(LocalExecutor(settings, window, worker), settings.cluster, WarmUp(settings))

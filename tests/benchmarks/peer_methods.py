@@ -131,15 +131,15 @@ def opencv_volume(views: Views, voxel: float, truncation: float) -> Image:
     return np.linalg.norm(points[..., :3], axis=-1).astype(np.float32)
 
 
-def average_tgv(views: Views, strength: float, iterations: int = 200) -> Image:
-    """The average, denoised by total generalized variation of second order (Bredies 2010), α₀ = 2 α₁.
+def average_tgv(views: Views, strength: float, interpolation: int, iterations: int = 200) -> Image:
+    """The median, denoised by second-order total generalized variation (Bredies 2010), α₀ = 2 α₁.
 
     min ½‖u − f‖² + α₁‖∇u − w‖ + α₀‖ℰw‖, by PyLops' operators and PyProximal's primal-dual algorithm.
     """
     import pylops
     import pyproximal
 
-    mean = average(views, cv2.INTER_LINEAR, "mean")
+    mean = average(views, interpolation, "median")
     known = np.where(np.isfinite(mean), mean, np.float32(np.nanmedian(mean)))
     shape, size = known.shape, known.size
     gradient = pylops.Gradient(shape, kind="forward", edge=False, dtype="float64")
@@ -196,7 +196,6 @@ class Peer:
         return f"pip install {' '.join(self.needs.values())}" if lacking else None
 
 
-TSDF = {"voxel": (0.004, 0.008, 0.016), "truncation": (3.0, 6.0, 12.0)}
 PEERS = (
     Peer(
         "average",
@@ -206,12 +205,22 @@ PEERS = (
             "middle": ("mean", "median"),
         },
     ),
-    Peer("Open3D TSDF", open3d_tsdf, TSDF, {"open3d": "'open3d>=0.20'"}),
-    Peer("OpenCV Volume", opencv_volume, TSDF, {"cv2": "'opencv-python-headless>=5'"}),
+    Peer(
+        "Open3D TSDF",
+        open3d_tsdf,
+        {"voxel": (0.008, 0.016, 0.032), "truncation": (6.0, 12.0, 24.0)},
+        {"open3d": "'open3d>=0.20'"},
+    ),
+    Peer(
+        "OpenCV Volume",
+        opencv_volume,
+        {"voxel": (0.003, 0.004, 0.008), "truncation": (6.0, 12.0, 24.0)},
+        {"cv2": "'opencv-python-headless>=5'"},
+    ),
     Peer(
         "average + TGV",
         average_tgv,
-        {"strength": (0.001, 0.003, 0.01, 0.03)},
+        {"strength": (0.003, 0.01, 0.03), "interpolation": (cv2.INTER_NEAREST, cv2.INTER_LINEAR)},
         {"pylops": "'pylops>=2.8'", "pyproximal": "'pyproximal>=0.13'"},
     ),
 )

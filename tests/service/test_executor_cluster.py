@@ -15,7 +15,6 @@ from test_executor_contract import HERE, NEAREST, begun, job, map_of
 from service.config.sections import Configuration, FusionSection
 from service.errors import ConfigurationError
 from service.fusion import cluster as cluster_module
-from service.fusion import configured
 from service.fusion.configured import configured_executor
 from service.fusion.executor import Executor
 from service.messages.map import FusedMap
@@ -176,7 +175,7 @@ def test_a_scheduler_that_never_answers_costs_nothing() -> None:
 def test_a_library_that_is_not_there_is_told_with_the_line_that_installs_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(configured, "find_spec", lambda _: None)
+    monkeypatch.setattr("service.versions.find_spec", lambda _: None)
     settings = FusionSection(executor="cluster", cluster="tcp://127.0.0.1:8786")
     with pytest.raises(ConfigurationError, match=r"pip install 'lidarboost\[cluster\]'"):
         configured_executor(Configuration(fusion=settings))
