@@ -46,7 +46,8 @@ class Namesakes:
             return
         self._next = self._clock() + _EVERY
         self._judge(frozenset(self._answered - {self._own}))
-        self._answered = answered = set()
+        answered: set[str] = set()
+        self._answered = answered
         self._session.get(
             f"{self._prefix}/status",
             lambda reply: _note(reply, answered),

@@ -208,19 +208,19 @@ PEERS = (
     Peer(
         "Open3D TSDF",
         open3d_tsdf,
-        {"voxel": (0.008, 0.016, 0.032), "truncation": (6.0, 12.0, 24.0)},
+        {"voxel": (0.008, 0.016, 0.032, 0.064), "truncation": (6.0, 12.0, 24.0, 48.0)},
         {"open3d": "'open3d>=0.20'"},
     ),
     Peer(
         "OpenCV Volume",
         opencv_volume,
-        {"voxel": (0.003, 0.004, 0.008), "truncation": (6.0, 12.0, 24.0)},
+        {"voxel": (0.003, 0.004, 0.008), "truncation": (3.0, 6.0, 12.0)},
         {"cv2": "'opencv-python-headless>=5'"},
     ),
     Peer(
         "average + TGV",
         average_tgv,
-        {"strength": (0.003, 0.01, 0.03), "interpolation": (cv2.INTER_NEAREST, cv2.INTER_LINEAR)},
+        {"strength": (0.01, 0.03, 0.1), "interpolation": (cv2.INTER_NEAREST, cv2.INTER_LINEAR)},
         {"pylops": "'pylops>=2.8'", "pyproximal": "'pyproximal>=0.13'"},
     ),
 )

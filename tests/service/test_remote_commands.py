@@ -12,6 +12,7 @@ from service.cli.status import _lines
 from service.messages.events import MapFused, StatusTold
 from service.messages.map import FusedMap
 from service.messages.status import (
+    ClusterState,
     CommandCounts,
     Degraded,
     Drops,
@@ -40,7 +41,14 @@ STATUS = Status(
     totals=Totals(frames=45, bursts=3, fused=2, unconverged=2),
     rates=Rates(frames=7.5, fused=0.5),
     drops=Drops(camera=4, recorded=2),
-    fusion=FusionState(backlog=1, restarts=1, hung=0, error=None),
+    fusion=FusionState(
+        executor="cluster",
+        cluster=ClusterState(address="tcp://10.0.0.7:8786", workers=2, fused=1, returned=1),
+        backlog=1,
+        restarts=1,
+        hung=0,
+        error=None,
+    ),
     latency=0.42,
     recorder=RecorderState(
         recording=True,
@@ -105,6 +113,7 @@ def test_status_says_what_matters(service: str) -> None:
         "on: a.mcap, 3.0 MB, 5.0 GB free",
         "phasor, λ auto, β 4, 15 frames over 1 pixels, integration 30 ms",
         "7 carried out, refused: 2 OUT_OF_RANGE",
+        "tcp://10.0.0.7:8786: in use, 2 workers, 1 maps, 1 bursts of its fused here",
         "2 not converged; the fusion was restarted 1 times",
         " the cable is loose",
     ):
