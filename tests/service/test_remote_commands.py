@@ -1,5 +1,6 @@
 import json
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from service.messages.status import (
     Status,
     Totals,
 )
+from service.sinks.publisher import Publisher
 from service.wire.session import open_session
 
 STATUS = Status(
@@ -163,6 +165,27 @@ def test_watch_prints_a_line_a_message(service: str) -> None:
     assert "burst 6: 3 of 3 frames; 88 × 72 pixels; nearest; median deviation" in out
     out = run("watch", "--json", "--count", "1", "--endpoint", service)[1]
     assert json.loads(out)["burst"] == 6
+
+
+def test_of_two_rigs_the_one_that_is_named_is_shown(
+    endpoint: str, free_endpoint: Callable[[], str], fused: Callable[[int], FusedMap]
+) -> None:
+    """Both are reached at one endpoint."""
+    with ExitStack() as stack:
+        for number, prefix in enumerate(("hall/left", "hall/right")):
+            here = endpoint if number == 0 else free_endpoint()
+            session = stack.enter_context(open_session([here], connect=[endpoint] if number else []))
+            publisher = Publisher(session, prefix)
+            publisher.open()
+            stack.callback(publisher.close)
+            publisher.take(MapFused(fused(number + 3), None))
+            publisher.take(StatusTold(STATUS.model_copy(update={"model": prefix})))
+            assert publisher.drain()
+        for number, prefix in enumerate(("hall/left", "hall/right")):
+            told = ("--endpoint", endpoint, "--prefix", prefix)
+            assert f"burst {number + 3}: " in run("watch", "--count", "1", *told)[1]
+            assert f"simulation: {prefix}" in run("status", *told)[1]
+            assert json.loads(run("get", "fused/report", *told)[1])["burst"] == number + 3
 
 
 @pytest.mark.parametrize(
