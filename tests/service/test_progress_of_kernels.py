@@ -23,6 +23,7 @@ def test_a_process_says_how_far_it_is_before_it_answers() -> None:
 
 
 @pytest.mark.faults
+@pytest.mark.timeout(600)
 def test_the_log_says_that_kernels_compile_and_how_far(
     tmp_path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -30,6 +31,6 @@ def test_the_log_says_that_kernels_compile_and_how_far(
     caplog.set_level(logging.INFO)
     executor = LocalExecutor(FusionSection(method="nearest"))
     assert executor.progress == "loads its kernels"
-    executor.ready.result(timeout=300)
+    executor.ready.result(timeout=590)
     executor.close()
     assert re.search(r"the fusion compiles its kernels, once on this machine: 1 of \d\d\n", caplog.text)
