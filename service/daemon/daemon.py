@@ -4,7 +4,6 @@ import logging
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
-from threading import Event as Flag
 
 from drivers.frame import Frame
 from drivers.recording import Recording
@@ -20,6 +19,7 @@ from service.daemon.disk import DiskWatch
 from service.daemon.first_mode import first_mode
 from service.daemon.fusing import Fusing
 from service.daemon.heartbeat import Heartbeat
+from service.daemon.last_resort import Wish
 from service.daemon.ledger import Ledger
 from service.daemon.logs import logged_events
 from service.daemon.modes import Idle, Mode, Scanning, Streaming
@@ -67,7 +67,7 @@ class Daemon:
         once: bool = False,
     ) -> None:
         self.configuration, self.rig, self.bus, self.once = configuration, rig, bus, once
-        self.stop = Flag()
+        self.stop = Wish()
         self.control, self.agenda = Control(self.stop), Agenda()
         self.control.beat = rig.beat
         self.ledger = Ledger()
@@ -87,6 +87,11 @@ class Daemon:
     def camera(self) -> Capabilities | None:
         """What gives the frames at present; None until it is open."""
         return self.origin.camera
+
+    @property
+    def is_opening(self) -> bool:
+        """Whether the devices have not been open yet."""
+        return self.origin.rig is None
 
     @property
     def replay(self) -> ReplayState:

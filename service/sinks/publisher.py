@@ -18,6 +18,7 @@ from service.messages.topics import ALIVE, TOPICS, Congestion, Topic
 from service.messages.viewing import ON_DEMAND
 from service.sinks.sink import Room, Sink
 from service.wire.addresses import DEFAULT_PREFIX
+from service.wire.declarations import withdraw
 from service.wire.encoding import encoding
 from service.wire.receipts import Receipts
 from service.wire.sockets import bytes_under_way, is_tcp, ports_of
@@ -107,10 +108,10 @@ class Publisher(Sink):
             self._undelivered = True
             _log.warning("a subscriber did not take everything in time; what it missed is lost")
         if self._receipts is not None:
-            self._receipts.close()
+            self._declared.append(self._receipts)
             self._receipts = None
-        while self._declared:
-            self._declared.pop(0).undeclare()
+        declared, self._declared = self._declared, []
+        withdraw(declared)
 
     @property
     def losses(self) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from threading import Thread
 
 from drivers.errors import DriverError
 from service.errors import EncodingError, ServiceError, SinkError
+from service.leaving import leave_behind
 from service.messages.events import Event, Logged
 from service.messages.status import SinkState
 from service.sinks.account import Account
@@ -114,6 +115,7 @@ class SinkRunner:
 
     def _begin_unless_all_hang(self) -> None:
         """Begin another thread, where not too many hang; what hung on a disk or a share may come back."""
+        leave_behind(self._thread)
         self._hanging = [thread for thread in self._hanging if thread.is_alive()]
         if len(self._hanging) < _ABANDONED:
             self._waits = False

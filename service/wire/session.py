@@ -6,13 +6,12 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from threading import Thread
 from typing import Literal
 
 import zenoh
 
 from service.errors import SessionError
-from service.leaving import leave_behind
+from service.leaving import within
 from service.wire.addresses import DEFAULT_ENDPOINT
 from service.wire.links import address_of
 from service.wire.sockets import holder
@@ -85,11 +84,7 @@ def _close(session: zenoh.Session) -> None:
         with suppress(zenoh.ZError):  # not in time: then it is said below
             session.close()  # type: ignore[no-untyped-call]
 
-    closing = Thread(target=close, name="closing", daemon=True)
-    closing.start()
-    closing.join(_CLOSING)
-    if closing.is_alive():
-        leave_behind(closing)
+    if not within(_CLOSING, close, "closing"):
         _log.warning("the Zenoh session did not close in %g s: a subscriber has stopped reading", _CLOSING)
 
 
