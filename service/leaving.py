@@ -1,4 +1,4 @@
-"""Ending the process where a thread is held up in a library that cannot be interrupted."""
+"""Ending the process though a library that cannot be interrupted holds it up."""
 
 import os
 import sys
@@ -6,6 +6,7 @@ from collections.abc import Callable
 from threading import Thread
 
 _held_up: list[Thread] = []
+_all_done = False
 
 
 def leave_behind(thread: Thread) -> None:
@@ -24,12 +25,18 @@ def within(seconds: float, work: Callable[[], object], name: str) -> bool:
     return True
 
 
+def skip_the_end() -> None:
+    """All is done: what libraries do at the end of the interpreter (Zenoh waits for peers) helps nobody."""
+    global _all_done
+    _all_done = True
+
+
 def leave(status: int) -> None:
-    """End the process at once, without the interpreter's own end, where a thread was left behind.
+    """End the process without the interpreter's own end, where that is skipped or a thread was left behind.
 
     One that comes back from compiled code while the interpreter ends would abort the process.
     """
-    if any(thread.is_alive() for thread in _held_up):
+    if _all_done or any(thread.is_alive() for thread in _held_up):
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(status)

@@ -96,6 +96,7 @@ def run(
     A daemon told to stop ends with 0, or with 3 where data was lost.
     """
     from service.fusion.process import fusion_process
+    from service.leaving import skip_the_end
     from service.signals import stopping
 
     def read() -> "Configuration":
@@ -114,10 +115,11 @@ def run(
         from service.fusion.local import LocalExecutor
 
         configuration = read()
-        executor = stack.enter_context(LocalExecutor.configured(configuration, worker))
+        executor = stack.enter_context(LocalExecutor.configured(configuration, worker, spare=not once))
         summary = _served(
             configuration, executor, output, signals, parting, read, home=home, once=once, quiet=as_json
         )
+    skip_the_end()
     if summary is None:
         if once:
             raise typer.Abort
