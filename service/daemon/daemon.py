@@ -172,7 +172,8 @@ class Daemon:
             monitor = Monitor(self.rig, self.grabber.counts, self, self.fusing.executor, self.bus, disk)
             mode = first_mode(self)
             # Neither status nor log may come once the sinks are closed.
-            with logged_events(self.emit), Heartbeat(monitor.beat):
+            with logged_events(self.emit), Heartbeat(monitor.beat) as heartbeat:
+                self.states.changed = self.control.changed = heartbeat.nudge
                 self._announce()
                 mode.prepare()
                 self._wait_ready()

@@ -103,7 +103,13 @@ class LocalExecutor:
     @property
     def state(self) -> FusionState:
         waiting = sum(not future.cancelled() for _, future, _ in list(self._jobs))
-        return FusionState(backlog=waiting, restarts=self._restarts, hung=self._hung, error=self._error)
+        return FusionState(
+            backlog=waiting,
+            restarts=self._restarts,
+            hung=self._hung,
+            spare=self.spare_pid is not None,
+            error=self._error,
+        )
 
     @property
     def pid(self) -> int | None:

@@ -67,12 +67,13 @@ class Bench:
         return self.unit.plug
 
     def worker_killed(self) -> Broken:
+        self.rig.wait(lambda told: told["fusion"]["spare"], 300)
         os.kill(self.worker, signal.SIGKILL)
         return lambda: None
 
     def worker_stopped(self) -> Broken:
         """The cause is gone once the one that hangs is given up."""
-        restarts = self.rig.status["fusion"]["restarts"]
+        restarts = self.rig.wait(lambda told: told["fusion"]["spare"], 300)["fusion"]["restarts"]
         os.kill(self.worker, signal.SIGSTOP)
         self.rig.wait(lambda told: told["fusion"]["restarts"] > restarts)
         return lambda: None
