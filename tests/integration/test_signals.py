@@ -1,5 +1,6 @@
 """SIGTERM, SIGINT and SIGHUP end a service within 5 s in every state, with whole files and a true status."""
 
+import shutil
 import signal
 import sys
 import time
@@ -17,6 +18,8 @@ pytestmark = pytest.mark.faults
 
 _LIMIT = 7.0
 """Seconds: 5 are promised, the rest is for a busy machine."""
+
+RELOADED = "the configuration was reloaded"
 
 STUCK = """
 [camera]
@@ -53,9 +56,30 @@ def replay(rig: RigProcess) -> None:
 def rest(_: RigProcess) -> None: ...
 
 
+def be_degraded(rig: RigProcess) -> None:
+    """Nothing can be recorded: a file stands where the folder was."""
+    scan(rig)
+    shutil.rmtree(rig.folder / "disk")
+    (rig.folder / "disk").touch()
+    rig.wait(lambda told: told["degraded"])
+
+
 def no_part_is_left(rig: RigProcess) -> None:
     assert not list(rig.folder.rglob("*.active"))
     assert "Traceback" not in rig.log.read_text()
+
+
+def hang_up(rig: RigProcess) -> None:
+    rig.process.send_signal(signal.SIGHUP)
+    await_word(rig, RELOADED)
+
+
+def await_word(rig: RigProcess, word: str) -> None:
+    end = time.monotonic() + 60
+    while word not in rig.log.read_text():
+        assert rig.process.poll() is None
+        assert time.monotonic() < end, rig.log.read_text()
+        time.sleep(0.05)
 
 
 def await_begin(rig: RigProcess) -> None:
@@ -71,13 +95,57 @@ def await_begin(rig: RigProcess) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-@pytest.mark.parametrize("begin", [rest, scan, pause, stream, replay])
+@pytest.mark.parametrize("begin", [rest, scan, pause, stream, replay, be_degraded])
 def test_it_ends_in_every_state(tmp_path: Path, begin: Callable[[RigProcess], None], number: int) -> None:
     with rig_process(tmp_path) as rig:
         rig.wait_state("idle")
         begin(rig)
         seconds = rig.end(number)
         assert seconds < _LIMIT
+        no_part_is_left(rig)
+
+
+@pytest.mark.parametrize("begin", [rest, scan, stream, replay])
+def test_it_reads_its_configuration_again_in_every_state(
+    tmp_path: Path, begin: Callable[[RigProcess], None]
+) -> None:
+    with rig_process(tmp_path) as rig:
+        rig.wait_state("idle")
+        begin(rig)
+        state = rig.status["state"]
+        hang_up(rig)
+        assert rig.status["state"] == state
+        rig.end()
+        no_part_is_left(rig)
+
+
+def test_what_is_read_again_in_a_pause_waits_for_its_end(tmp_path: Path) -> None:
+    with rig_process(tmp_path) as rig:
+        rig.wait_state("idle")
+        pause(rig)
+        rig.process.send_signal(signal.SIGHUP)
+        time.sleep(1.0)
+        assert rig.status["paused"]
+        assert RELOADED not in rig.log.read_text()
+        rig.ask("cmd/scan", action="resume")
+        await_word(rig, RELOADED)
+        rig.end()
+        no_part_is_left(rig)
+
+
+@pytest.mark.parametrize("delay", [1.0, 4.0, 9.0])
+def test_it_ends_while_the_kernels_are_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, delay: float
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kernels"))
+    with rig_process(tmp_path, SIMULATED, "scan") as rig:
+        await_begin(rig)
+        time.sleep(delay)
+        seconds = rig.end()
+        assert seconds < _LIMIT
+        said = rig.log.read_text()
+        assert "lost" not in said, "nothing had begun"
+        assert "does not let go" not in said
         no_part_is_left(rig)
 
 

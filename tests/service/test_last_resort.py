@@ -1,6 +1,8 @@
 """A device whose library hangs does not keep the service from ending, with its files whole."""
 
+import logging
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from threading import Event as Flag
 from threading import Thread
@@ -60,6 +62,52 @@ def test_it_hands_over_and_ends_without_the_device(tmp_path: Path, endpoint: str
     finally:
         camera.let_go.set()
         thread.join(30)
+    assert not thread.is_alive()
+
+
+class Opening(ScriptedCamera):
+    """Takes its time, until it is let go."""
+
+    opens, let_go = Flag(), Flag()
+
+    def _open(self) -> None:
+        self.opens.set()
+        self.let_go.wait(60)
+        super()._open()
+
+
+def test_a_device_that_is_being_opened_is_no_fault_and_costs_nothing(
+    tmp_path: Path, endpoint: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    clock = HastyClock(1_700_000_000_000_000_000)
+    camera = Opening(clock)
+    recording = {"enabled": True, "directory": str(tmp_path / "kept")}
+    settings = configuration(tmp_path, endpoint, start="scan", recording=recording)
+    ended, lost, daemons = Flag(), list[str](), list[Daemon]()
+
+    def end(told: Sequence[str]) -> None:
+        lost.extend(told)
+        ended.set()
+
+    def serve() -> None:
+        rig = Rig(camera, ScriptedStage(clock), clock)
+        run_service(settings, rig, started=daemons.append, abandoned=end)
+
+    thread = Thread(target=serve, daemon=True)
+    with caplog.at_level(logging.INFO):
+        thread.start()
+        try:
+            assert camera.opens.wait(60)
+            began = time.monotonic()
+            daemons[0].stop.set()
+            assert ended.wait(30)
+            assert time.monotonic() - began < 7
+            assert lost == []
+            assert "told to stop while the devices are being opened" in caplog.text
+            assert "let go" not in caplog.text
+        finally:
+            camera.let_go.set()
+            thread.join(30)
     assert not thread.is_alive()
 
 
