@@ -146,7 +146,7 @@ def _served(
 ) -> "RunSummary | None":
     """Run the service; what it did, None where it was told to stop before it began."""
     from drivers.errors import MotionStoppedError
-    from service.capture.rig import make_rig
+    from service.capture.configured import make_rig
     from service.cli.operator import TerminalOperator
     from service.cli.progress import progress_sink
     from service.daemon.logs import log_to_stream
