@@ -1,14 +1,16 @@
 """SIGTERM, SIGINT and SIGHUP end a service within 5 s in every state, with whole files and a true status."""
 
+import json
 import shutil
 import signal
+import subprocess
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from rig_process import PLUGGED, SIMULATED, RigProcess, rig_process
+from rig_process import COMMON, PLUGGED, ROOT, SIMULATED, RigProcess, free_endpoint, rig_process
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "drivers"))
 
@@ -189,3 +191,28 @@ def test_it_ends_in_its_first_second(tmp_path: Path, delay: float) -> None:
         seconds = rig.end()
         assert seconds < _LIMIT
         no_part_is_left(rig)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_one_pass_that_is_stopped_before_its_map_says_so_and_leaves_nothing(
+    tmp_path: Path, number: int
+) -> None:
+    """It has no terminal; SIGHUP ends it nevertheless, for it would not read its configuration again."""
+    endpoint = free_endpoint()
+    (tmp_path / "zenoh.json5").write_text(json.dumps({"listen": {"endpoints": [endpoint]}}))
+    config, output = tmp_path / "rig.toml", tmp_path / "out"
+    config.write_text(COMMON.format(folder=tmp_path, devices=SIMULATED, start="scan").replace("= 5", "= 60"))
+    command = [sys.executable, "-m", "lidarboost", "run", str(config), "--once", "--output", str(output)]
+    with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL) as process:
+        end = time.monotonic() + 120
+        while not list(tmp_path.glob("out/*.active")):
+            assert process.poll() is None
+            assert time.monotonic() < end
+            time.sleep(0.02)
+        time.sleep(0.5)
+        began = time.monotonic()
+        process.send_signal(number)
+        _, said = process.communicate(timeout=30)
+        assert time.monotonic() - began < _LIMIT
+    assert process.returncode == 130, said
+    assert not output.exists() or not list(output.iterdir())
