@@ -14,7 +14,7 @@ _NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _IMPATIENCE = 2.0
 """Seconds after which a second signal is meant: `timeout` and some supervisors send each one twice."""
 
-_LONGEST = 4.7
+_LONGEST = 4.8
 """Seconds after which whoever promised to stop is ended: five are promised."""
 
 _came: list[int] = []
@@ -106,7 +106,7 @@ def stopping(*, reloads: bool = False, give_up: Callable[[], object] | None = No
 
     Args:
         reloads: SIGHUP is a wish to read the configuration again.
-        give_up: ends the process; called, in another thread, where that is not over 4.7 s after the wish.
+        give_up: ends the process; called, in another thread, where that is not over 4.8 s after the wish.
     """
     taker = Stopping(reloads, give_up)
     if current_thread() is not main_thread():

@@ -40,7 +40,12 @@ class Parting:
 
     def give_up(self) -> None:
         """End it at once: what should have ended it hangs."""
-        self.leave([] if self.daemon is None else ["what was not handed over in time"])
+        if self.daemon is None:
+            self.leave([])
+            return
+        bus = self.daemon.bus
+        late = [sink.name for sink in bus.states if sink.state != "ended"]
+        self.leave([*bus.losses, *(f"{name}: what was not handed over in time" for name in late)])
 
     @staticmethod
     def _say(lost: Sequence[str]) -> None:

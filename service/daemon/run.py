@@ -43,9 +43,10 @@ FUSED_FILE = "fused.mcap"
 _HANDOVER = 30.0
 """Seconds that the sinks get for what waits, after a whole run."""
 
-_DEVICES, _OPENING, _SINKS = 3.0, 1.5, 4.2
+_DEVICES, _OPENING, _SINKS = 2.5, 1.5, 3.6
 """Seconds after the wish to stop by which the devices have to be closed (where they are still being opened
-nothing has been captured), and by which the sinks have to be: it shall end within five."""
+nothing has been captured), and by which the sinks have to be: the session takes up to a second more, and all
+shall end within five."""
 
 _PROCESS = 0.3
 """Seconds in which the fusion's process is gone; one that is stopped by the kernel is left to it."""
