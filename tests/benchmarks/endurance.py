@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.recording import open_recording
-from service.capture.rig import make_rig
+from service.capture.configured import make_rig
 from service.config.file import load
 from service.daemon.daemon import Daemon
 from service.daemon.run import run_service
