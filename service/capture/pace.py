@@ -36,9 +36,12 @@ class Pace:
     def wait(self) -> float:
         """Seconds that the next burst had better wait before it begins."""
         with self._lock:
-            if not (self._capturing and self._fusing and self._unfinished):
+            now = self._clock()
+            if not (self._capturing and self._unfinished):
                 return 0.0
-            capturing, fusing, now = median(self._capturing), median(self._fusing), self._clock()
+            if not self._fusing:  # it takes longer than so far; one that waits is enough until that is known
+                return now - self._since if self._unfinished > 1 else 0.0
+            capturing, fusing = median(self._capturing), median(self._fusing)
             free = max(now, self._since + fusing) + (self._unfinished - 1) * fusing
         wait = max(0.0, free - now - capturing)
         if wait > 0 and fusing > capturing and not self._told:

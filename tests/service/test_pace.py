@@ -48,6 +48,14 @@ def test_bursts_come_as_fast_as_a_slower_fusion_takes_them_and_none_waits() -> N
     assert rig.late[5:] == pytest.approx([2.5] * 15)
 
 
+def test_few_wait_for_a_first_one_that_takes_long() -> None:
+    rig = Rig(capturing=1.0, fusing=6.0)
+    for _ in range(6):
+        rig.burst()
+    captured = [end - late for end, late in zip(rig.ends, rig.late, strict=True)]
+    assert sum(one <= rig.ends[0] for one in captured) <= 3
+
+
 def test_one_that_was_disturbed_does_not_count() -> None:
     rig = Rig(capturing=1.0, fusing=0.6)
     for _ in range(5):
