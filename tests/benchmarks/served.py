@@ -37,7 +37,6 @@ with Client(sys.argv[1]) as rig:
     rig.subscribe("camera/frame", framed)
     rig.subscribe("fused/depth", mapped)
     rig.subscribe("fused/report", reported)
-    print("ready", flush=True)
     sys.stdin.read()
 """
 
@@ -70,18 +69,20 @@ def served(folder: Path, seconds: float, *lines: str) -> tuple[dict[str, Any], l
         command = [*LIDARBOOST, "run", str(config), "--json"]
         subscribe = [sys.executable, "-c", SUBSCRIBER, endpoint]
         began = time.time()
+        lines_heard = folder / "heard.jsonl"
         with (
+            lines_heard.open("w") as written,
             subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as service,
             subprocess.Popen(
-                subscribe, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+                subscribe, cwd=ROOT, stdin=subprocess.PIPE, stdout=written, text=True
             ) as subscriber,
         ):
-            assert subscriber.stdout is not None
-            assert subscriber.stdout.readline() == "ready\n"
-            first = subscriber.stdout.readline()
+            while not lines_heard.stat().st_size:
+                assert service.poll() is None, "the service ended before its first map"
+                time.sleep(0.1)
             time.sleep(seconds)
             service.send_signal(signal.SIGTERM)
             said, _ = service.communicate(timeout=60)
-            heard, _ = subscriber.communicate("")
-    rows = [json.loads(line) for line in [first, *heard.splitlines()]]
+            subscriber.communicate("")
+    rows = [json.loads(line) for line in lines_heard.read_text().splitlines()]
     return json.loads(said), [Heard(at - began, late, solver) for at, late, solver in rows]
