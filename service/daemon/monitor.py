@@ -1,4 +1,4 @@
-"""Puts the counts of all parts together into the status, once a second."""
+"""Puts the counts of all parts together into the status, once a second and after every change of state."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import BaseModel
 
 from drivers.errors import DriverError
-from service.capture.rig import check_options
+from service.capture.configured import check_options
 from service.config.sections import Configuration
 from service.daemon.recording import begin_recorder
 from service.daemon.renewal import reconfigure

@@ -21,6 +21,7 @@ from service.daemon.recording import begin_recorder
 from service.files import made_directory
 from service.fusion.configured import configured_executor
 from service.fusion.executor import Executor
+from service.leaving import within
 from service.messages.summary import BurstSummary, RunSummary
 from service.messages.viewing import Extras
 from service.sinks.bus import Bus
@@ -41,9 +42,16 @@ from service.wire.session import open_session
 
 FUSED_FILE = "fused.mcap"
 
-_HANDOVER, _HANDOVER_TOLD, _HANDOVER_ABANDONED = 30.0, 2.2, 1.5
-"""Seconds that the sinks get at the end for what waits: after a whole run, when told to stop, and where a
-device does not let go."""
+_HANDOVER = 30.0
+"""Seconds that the sinks get for what waits, after a whole run."""
+
+_DEVICES, _OPENING, _SINKS = 2.5, 1.5, 3.6
+"""Seconds after the wish to stop by which the devices have to be closed (where they are still being opened
+nothing has been captured), and by which the sinks have to be: the session takes up to a second more, and all
+shall end within five."""
+
+_PROCESS = 0.3
+"""Seconds in which the fusion's process is gone; one that is stopped by the kernel is left to it."""
 
 _log = logging.getLogger(__name__)
 
@@ -115,18 +123,24 @@ def run_service(
 
         def hand_over() -> None:
             assert abandoned is not None
-            _log.error("a device does not let go: the service ends without it")
-            bus.close(_HANDOVER_ABANDONED, hurry=True)
-            executor.close()
+            if daemon.is_opening:
+                _log.info("told to stop while the devices are being opened")
+            else:
+                _log.error("a device does not let go: the service ends without it")
+            bus.close(_SINKS - daemon.stop.seconds, discard=once and daemon.ledger.fused == 0, hurry=True)
+            within(_PROCESS, executor.close, "closing the fusion")
             abandoned(_lost(daemon, bus))
 
-        with nullcontext() if abandoned is None else last_resort(daemon.stop, hand_over):
+        def patience() -> float:
+            return _OPENING if daemon.is_opening else _DEVICES
+
+        with nullcontext() if abandoned is None else last_resort(daemon.stop, patience, hand_over):
             daemon.run()
         if once and daemon.stop.is_set() and daemon.ledger.fused == 0:
             raise KeyboardInterrupt  # there is nothing to hand over
         publisher = bus.sink(PUBLISHER)
         told = daemon.stop.is_set()
-        bus.close(_HANDOVER_TOLD if told else _HANDOVER, hurry=told)
+        bus.close(_SINKS - daemon.stop.seconds if told else _HANDOVER, hurry=told)
         published = publisher.published if isinstance(publisher, Publisher) else 0
         return _summary(daemon, bus, summaries, published, time.monotonic() - began)
 

@@ -9,12 +9,15 @@ from service.processes.worker import Worker
 from service.versions import require_packages
 
 
-def configured_executor(configuration: Configuration, worker: Worker | None = None) -> Executor:
+def configured_executor(
+    configuration: Configuration, worker: Worker | None = None, *, spare: bool = False
+) -> Executor:
     """One that is ready for what the service does first.
 
     Args:
         configuration: names it.
         worker: the process on this machine, which may have been started already.
+        spare: whether a second one is kept ready.
 
     Raises:
         ConfigurationError: the library of a cluster is not installed.
@@ -22,6 +25,7 @@ def configured_executor(configuration: Configuration, worker: Worker | None = No
     settings = configuration.fusion
     window = configuration.stream.window if configuration.start == "stream" else None
     if settings.executor == "local" or settings.cluster is None:
-        return LocalExecutor(settings, window, worker)
+        return LocalExecutor(settings, window, worker, spare=spare)
     require_packages("cluster", "distributed")
-    return ClusterExecutor(LocalExecutor(settings, window, worker), settings.cluster, WarmUp(settings))
+    local = LocalExecutor(settings, window, worker, spare=spare)
+    return ClusterExecutor(local, settings.cluster, WarmUp(settings))

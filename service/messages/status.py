@@ -75,6 +75,7 @@ class FusionState(_Part):
     backlog: int = Field(0, ge=0, description="Bursts, or frames of a stream, that wait.")
     restarts: int = Field(0, ge=0, description="Times that the local process had to be started again.")
     hung: int = Field(0, ge=0, description="Times among them that it did not answer in time.")
+    spare: bool = Field(False, description="Whether a second process stands ready.")
     error: str | None = Field(None, description="Its last fault; none = none, or maps have come since.")
 
 
@@ -174,7 +175,7 @@ class InForce(_Part):
 
 
 class Status(_Part):
-    """How the service is doing; once a second."""
+    """How the service is doing; once a second, and at once after a change of state."""
 
     timestamp: int = Field(0, description="When this was true, ns since the epoch.")
     version: str = Field("unknown", description="Version of the software.")

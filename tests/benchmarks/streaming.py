@@ -44,7 +44,7 @@ class Stream:
             path = Path(folder) / "stream.mcap"
             simulate(path, scene=scene, frames=frames, span=15.0 if scene == "wedges" else 30.0)
             recording = open_recording(path)
-            taken = list(recording.frames())
+            taken, truth = list(recording.frames()), recording.truth
         calibration = recording.calibration
         distance, amplitude = stack(taken, calibration)
         known = {
@@ -54,7 +54,7 @@ class Stream:
             "noise": calibration.noise.for_signal(taken[0].integration_time),
         }
         turns = relative_rotations([(f.pan, f.tilt) for f in taken], calibration.mount)
-        return cls(distance, amplitude, turns, known, recording.truth)
+        return cls(distance, amplitude, turns, known, truth)
 
     def error(self, fused: Fused) -> tuple[float, float]:
         """RMS and mean absolute error, metres."""

@@ -109,8 +109,8 @@ def test_status_says_what_matters(service: str) -> None:
         "up 12 s",
         "recorder: the disk is full, for 5 s; make room",
         "simulation: simulated SR3000",
-        "45, 7.5 per second",
-        "2 of 3 bursts, 0.50 per second, 0.42 s after the last frame, 1 waiting",
+        "45, 3 whole bursts, 7.5 per second",
+        "maps       2, 0.50 per second, 0.42 s after the last frame, 1 waiting",
         "4 camera, 2 recorded",
         "on: a.mcap, 3.0 MB, 5.0 GB free",
         "phasor, λ auto, β 4, 15 frames over 1 pixels, integration 30 ms",
@@ -130,6 +130,11 @@ def test_status_of_a_stream_and_of_another_version(endpoint: str) -> None:
         _, out, _ = run("status", "--endpoint", endpoint)
     assert "state      streaming for 7 s\n" in out
     assert "maps       8, 0.00 per second" in out
+
+
+def test_a_pause_does_not_pass_for_as_old_as_the_scan() -> None:
+    told = dict(_lines(STATUS.model_copy(update={"paused": True})))
+    assert told["state"] == "scanning for 7 s, paused: bursts by the plan"
 
 
 def test_get_shows_and_saves_every_kind(
