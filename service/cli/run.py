@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from service.config.sections import Configuration
     from service.daemon.daemon import Daemon
-    from service.fusion.local import LocalExecutor
+    from service.fusion.executor import Executor
     from service.messages.summary import RunSummary
     from service.signals import Stopping
 
@@ -112,10 +112,10 @@ def run(
     with stopping(reloads=reloads, give_up=parting.give_up) as signals, ExitStack() as stack:
         _check(replay, speed, loop, once)
         worker = stack.enter_context(fusion_process())  # it starts while the rest is imported
-        from service.fusion.local import LocalExecutor
+        from service.fusion.configured import configured_executor
 
         configuration = read()
-        executor = stack.enter_context(LocalExecutor.configured(configuration, worker, spare=not once))
+        executor = stack.enter_context(configured_executor(configuration, worker, spare=not once))
         summary = _served(
             configuration, executor, output, signals, parting, read, home=home, once=once, quiet=as_json
         )
@@ -134,7 +134,7 @@ def run(
 
 def _served(
     configuration: "Configuration",
-    executor: "LocalExecutor",
+    executor: "Executor",
     output: Path | None,
     signals: "Stopping",
     parting: "Parting",

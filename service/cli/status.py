@@ -47,6 +47,8 @@ def _lines(told: "Status") -> Iterator[tuple[str, str]]:
         "maps",
         f"{told.totals.fused}, {told.rates.fused:.2f} per second{latency}, {told.fusion.backlog} waiting",
     )
+    if told.fusion.cluster is not None:
+        yield "cluster", _cluster(told)
     if told.totals.unconverged or told.fusion.restarts:
         hung = f", {told.fusion.hung} times since it hung" if told.fusion.hung else ""
         yield (
@@ -86,6 +88,14 @@ def _lines(told: "Status") -> Iterator[tuple[str, str]]:
 
 def _clock(timestamp: int) -> str:
     return f"{datetime.fromtimestamp(timestamp / 1e9):%Y-%m-%d %H:%M:%S}"
+
+
+def _cluster(told: "Status") -> str:
+    cluster = told.fusion.cluster
+    assert cluster is not None
+    doing = f"in use, {cluster.workers} workers" if told.fusion.executor == "cluster" else "not in use"
+    returned = f", {cluster.returned} bursts of its fused here" if cluster.returned else ""
+    return f"{cluster.address}: {doing}, {cluster.fused} maps{returned}"
 
 
 def _recording(told: "Status") -> str:

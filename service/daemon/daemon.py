@@ -29,7 +29,7 @@ from service.daemon.states import States
 from service.daemon.succession import Succession
 from service.daemon.supervision import Supervision
 from service.daemon.systemd import READY, STOPPING, notify
-from service.fusion.local import LocalExecutor
+from service.fusion.executor import Executor
 from service.messages.events import Event, FrameCaptured, ScanProgressed
 from service.messages.replay import ReplayState
 from service.messages.status import CommandCounts
@@ -59,7 +59,7 @@ class Daemon:
         configuration: Configuration,
         rig: Rig,
         bus: Bus,
-        executor: LocalExecutor,
+        executor: Executor,
         *,
         once: bool = False,
     ) -> None:

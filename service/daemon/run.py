@@ -14,11 +14,13 @@ from service.config.sections import Configuration
 from service.daemon.commanded import commanded
 from service.daemon.daemon import Daemon
 from service.daemon.last_resort import last_resort
+from service.daemon.namesakes import Namesakes
 from service.daemon.network import Network
 from service.daemon.page import kept_page
 from service.daemon.recording import begin_recorder
 from service.files import made_directory
-from service.fusion.local import LocalExecutor
+from service.fusion.configured import configured_executor
+from service.fusion.executor import Executor
 from service.leaving import within
 from service.messages.summary import BurstSummary, RunSummary
 from service.messages.viewing import Extras
@@ -66,7 +68,7 @@ def run_service(
     output: Path | None = None,
     once: bool = False,
     sinks: SinkMakers | None = None,
-    executor: LocalExecutor | None = None,
+    executor: Executor | None = None,
     started: Callable[[Daemon], None] = lambda _: None,
     abandoned: Callable[[Sequence[str]], None] | None = None,
 ) -> RunSummary:
@@ -95,7 +97,7 @@ def run_service(
     makers = {**configured_sinks(configuration.sinks), **(sinks or {})}
     with ExitStack() as stack:
         if executor is None:
-            executor = stack.enter_context(LocalExecutor.configured(configuration))
+            executor = stack.enter_context(configured_executor(configuration))
         session = stack.enter_context(open_session(file=configuration.zenoh.config, lossless=once))
         if output is not None:
             stack.enter_context(made_directory(output))
@@ -103,6 +105,7 @@ def run_service(
         daemon = Daemon(configuration, rig, bus, executor, once=once)
         bus.add("summaries", lambda: Summaries(summaries))
         daemon.lookouts.append(Network(Links(session, configuration.zenoh.config), daemon.states).look)
+        daemon.lookouts.append(Namesakes(session, configuration.zenoh.prefix, daemon.states).look)
         bus.add(PUBLISHER, lambda: _publisher(configuration, session, once))
         begin_recorder(bus, configuration.recording, order_of(configuration.recording).wish)
         if configuration.metrics.enabled:

@@ -9,7 +9,7 @@ from dataclasses import replace
 from threading import Condition, Thread
 from typing import Self
 
-from service.config.sections import Configuration, FusionSection
+from service.config.sections import FusionSection
 from service.errors import HungError, WorkerError
 from service.fusion.deadline import Deadline
 from service.fusion.job import Answer, Compiling, Failure, Iterating, Job, Ready, WarmUp
@@ -76,14 +76,6 @@ class LocalExecutor:
         """Seconds that it took until the kernels were ready; raises `WorkerError` where it was given up."""
         self._thread = Thread(target=self._run, name="fusion", daemon=True)
         self._thread.start()
-
-    @classmethod
-    def configured(
-        cls, configuration: Configuration, worker: Worker | None = None, *, spare: bool = False
-    ) -> Self:
-        """One that is ready for what the service does first."""
-        window = configuration.stream.window if configuration.start == "stream" else None
-        return cls(configuration.fusion, window, worker, spare=spare)
 
     def __enter__(self) -> Self:
         return self
