@@ -17,15 +17,15 @@ def configured_executor(
     Args:
         configuration: names it.
         worker: the process on this machine, which may have been started already.
-        spare: whether a second one is kept ready.
+        spare: a second process stands ready for when that one fails.
 
     Raises:
         ConfigurationError: the library of a cluster is not installed.
     """
     settings = configuration.fusion
     window = configuration.stream.window if configuration.start == "stream" else None
-    if settings.executor == "local" or settings.cluster is None:
-        return LocalExecutor(settings, window, worker, spare=spare)
-    require_packages("cluster", "distributed")
-    local = LocalExecutor(settings, window, worker, spare=spare)
-    return ClusterExecutor(local, settings.cluster, WarmUp(settings))
+    if settings.executor == "cluster" and settings.cluster is not None:
+        require_packages("cluster", "distributed")
+        local = LocalExecutor(settings, window, worker, spare=spare)
+        return ClusterExecutor(local, settings.cluster, WarmUp(settings))
+    return LocalExecutor(settings, window, worker, spare=spare)

@@ -18,7 +18,7 @@ _LIMIT = 10.0
 """Seconds for a scheduler that is at work to answer: a busy one lags some."""
 
 _WARM_UP = 600.0
-"""Seconds to load the kernels on every worker: a few; two minutes where none is cached yet."""
+"""Seconds to load the kernels on every worker: a few; a minute or more where none is cached yet."""
 
 _POLL = 0.2
 """Seconds between two looks whether the connection was given up."""

@@ -21,7 +21,7 @@ from service.processes.worker import Worker
 from solver.errors import FusionError
 
 _START_TIMEOUT = 600.0
-"""Seconds to import and compile the kernels: a few; two minutes where nothing is cached yet."""
+"""Seconds to import and compile the kernels: a few; a minute or more where nothing is cached yet."""
 
 _BETWEEN_WORDS = 3.0
 """Seconds between two words on how many kernels are compiled; loading all of them takes less."""
