@@ -10,7 +10,6 @@ the extra `peers`, in an environment of its own: with it comes a plugin that pyt
 """
 
 import argparse
-import json
 import sys
 import time
 import warnings
@@ -26,6 +25,7 @@ from fusion import peak_memory, reset_peak
 from peer_methods import FACTOR, PEERS, Peer, Views
 from regularization import RECORDINGS, Case, recorded
 from scipy.ndimage import distance_transform_edt
+from stored import store
 
 from solver import FusionOptions, FusionWarning, fuse
 from solver.evaluation import errors
@@ -135,7 +135,7 @@ def main() -> None:
         rows += [ours(method, case) for method in OURS]
     show(rows)
     if chosen.json:
-        chosen.json.write_text(json.dumps([asdict(row) for row in rows], indent=2) + "\n")
+        store(chosen.json, rows=[asdict(row) for row in rows])
 
 
 if __name__ == "__main__":
