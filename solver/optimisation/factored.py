@@ -5,7 +5,7 @@
 
 over pairs of neighbours, w one over their distance, s the inverse of the variance of a sample's component, so
 that the first sum is the true log-likelihood: its weight grows with N and falls with the noise by itself. The
-tilt is what the slope of the surroundings foretells (see `optimisation.slope`). Print changes l and leaves φ; a
+tilt is what the slope of the surroundings foretells (see `optimisation.slope`). Print changes l, not φ; a
 pair's tail ties along an edge and frees across it. Where the amplitude steps, a step of the distance is more
 likely, so its penalty is eased: else a dark thing is drawn to what is bright around it.
 

@@ -10,8 +10,8 @@ there (see `optimisation.ties`). Samples that the first map does not explain los
 fit them by swings, and the weights would take these for edges. Where the first map swings even so, the
 following passes are not weighted, and smooth more (see `optimisation.swings`). Source: Candès, Wakin, Boyd,
 "Enhancing sparsity by reweighted ℓ1 minimization", J. Fourier Anal. Appl. 2008; the square and the average
-are measured, and gain with ties only. Each pass is convex, the whole is not: objective, gap and stopping rule are those of
-the last pass.
+are measured, and gain with ties only. Each pass is convex, the whole is not: objective, gap and stopping rule
+are those of the last pass.
 """
 
 from collections.abc import Callable
