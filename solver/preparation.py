@@ -106,7 +106,9 @@ def complete(
 
     Raises:
         FusionInputError: no pixel of the map is known.
+        TypeError: the method gave no map of the fused size.
     """
+    _check(problem, solution)
     away = reach(problem.precision > 0)
     known = np.isfinite(solution.distance)
     if known.all():
@@ -120,6 +122,15 @@ def complete(
         )
     spread = deviation(problem, solution, away, distance)
     return distance, spread, reasons(problem, distance, away)
+
+
+def _check(problem: Problem, solution: Solution) -> None:
+    for name, image in (("distance", solution.distance), ("amplitude", solution.amplitude)):
+        if image is not None and (image.shape != problem.fused_shape or image.dtype != np.float32):
+            raise TypeError(
+                f"method {problem.options.method!r} gave a {name} of shape {image.shape}, {image.dtype}; "
+                f"expected {problem.fused_shape}, float32"
+            )
 
 
 def _threshold(
