@@ -40,6 +40,9 @@ _FOLLOWED, _CHANGED = (Step(1.0, 2),), SCHEDULE[4::2]
 _TOLD = 100.0
 """Bluntness under which a map tells samples that it does not explain."""
 
+_BINS, _HARDLY, _THINNED = 24, 1e-3, 3
+"""Parts of a turn, the part of all light that is hardly any, and one sample in so many squared."""
+
 _DISPUTED = 3e-4
 """Part of the samples that the other frames contradict from which others may be wrong unnoticed. On clean
 frames nothing changes, but telling takes as long as a tenth of the descent."""
@@ -74,7 +77,20 @@ def _begin(problem: Problem) -> Factored:
     strength = 1.0 if options.regularization == "auto" else float(options.regularization)
     weight = 1 / ((_component(problem) / scale) ** 2 + MODEL**2)
     noise = float(1 / np.sqrt(weight * len(problem.distance)))
-    return Factored(term, scale, weight, noise, strength, options.neighbourhood)
+    return Factored(term, scale, weight, noise, _gap(problem), strength, options.neighbourhood)
+
+
+def _gap(problem: Problem) -> float:
+    """The nearest φ from which hardly any light comes; what seems nearer lies beyond the ambiguity range."""
+    assert problem.amplitude is not None
+    assert problem.ambiguity_range is not None
+    thinned = np.s_[:, ::_THINNED, ::_THINNED]
+    distance, amplitude = problem.distance[thinned], problem.amplitude[thinned]
+    known = np.isfinite(distance)
+    light = np.square(amplitude[known], dtype=np.float64)
+    found = np.histogram(distance[known], _BINS, (0.0, problem.ambiguity_range), weights=light)[0]
+    empty = np.flatnonzero(found <= _HARDLY * found.sum())
+    return 2 * np.pi / _BINS * (float(empty[0]) + 1 if empty.size else 1.0)
 
 
 def _follow(problem: Problem, course: Factored) -> Sequence[Step]:
