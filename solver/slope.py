@@ -33,7 +33,7 @@ def slope(
 
     Args:
         x: (C, rows + 4, columns + 4), padded.
-        edge: by how much a gradient differs from the slope before where a pixel is an edge, which has no slope;
+        edge: difference of a gradient from the slope before from which a pixel is an edge, which has no slope;
             such pixels take their neighbours'.
         reach: deviation of the Gaussian that averages slopes, fused pixels.
         before: a slope found before; None = level.

@@ -5,7 +5,8 @@ of neighbours (see `ROWS`, `COLUMNS`) costs
 
     κ w log(1 + (d / δ)²),    d = their difference, for φ less the slope's part and modulo 2π,
 
-for φ times |Z|^¼ and divided by 1 + (Δl / e)²; it lies under ½ W d² + constant with W = 2 κ w / (δ² + d²), likewise.
+for φ times |Z|^¼ and divided by 1 + (Δl / e)²; it lies under ½ W d² + constant with W = 2 κ w / (δ² + d²),
+likewise.
 Strengths W are (4, rows + 4, columns + 4), 0 where a pair leaves the image, and shortened (see
 `kernels.elementary`): a round of conjugate gradients waits for memory, and it does not matter by which
 majorant a step is found.

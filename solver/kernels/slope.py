@@ -1,6 +1,6 @@
 """The slope of a map, by rows: every pixel's rise, averaged over its surroundings at half the resolution.
 
-Rises are divided by a `measure` of their own pixel before they are averaged, and the mean is multiplied by it.
+Rises are divided by a `measure` of their own pixel before they are averaged, the mean is multiplied by it.
 """
 
 import numpy as np
