@@ -82,16 +82,18 @@ def rotation_vector(matrix: ArrayLike) -> NDArray[np.float64]:
 @numba.njit(cache=True)
 def _rodrigues(vectors, matrices):  # type: ignore[no-untyped-def]
     for k in range(len(vectors)):
-        x, y, z = vectors[k]
+        x, y, z = vectors[k, 0], vectors[k, 1], vectors[k, 2]
         angle = np.sqrt(x * x + y * y + z * z)
         # (1 − cos a)/a² = ½ (sin(a/2)/(a/2))², which does not cancel where a is small.
         sine = np.sin(angle) / angle if angle > 0.0 else 1.0
         half = np.sin(0.5 * angle) / (0.5 * angle) if angle > 0.0 else 1.0
         bend = 0.5 * half * half
         R = matrices[k]
-        R[0] = 1 - bend * (y * y + z * z), bend * x * y - sine * z, bend * x * z + sine * y
-        R[1] = bend * x * y + sine * z, 1 - bend * (x * x + z * z), bend * y * z - sine * x
-        R[2] = bend * x * z - sine * y, bend * y * z + sine * x, 1 - bend * (x * x + y * y)
+        R[0, 0], R[1, 1] = 1 - bend * (y * y + z * z), 1 - bend * (x * x + z * z)
+        R[2, 2] = 1 - bend * (x * x + y * y)
+        R[0, 1], R[1, 0] = bend * x * y - sine * z, bend * x * y + sine * z
+        R[0, 2], R[2, 0] = bend * x * z + sine * y, bend * x * z - sine * y
+        R[1, 2], R[2, 1] = bend * y * z - sine * x, bend * y * z + sine * x
 
 
 @numba.njit(cache=True)
@@ -102,7 +104,7 @@ def _unwind(matrices, vectors):  # type: ignore[no-untyped-def]
         sine = np.sqrt(x * x + y * y + z * z)
         angle = np.arctan2(sine, 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1))
         scale = angle / sine if sine > 1e-12 else 1.0
-        vectors[k] = scale * x, scale * y, scale * z
+        vectors[k, 0], vectors[k, 1], vectors[k, 2] = scale * x, scale * y, scale * z
 
 
 def _checked(name: str, values: ArrayLike | None, shape: tuple[int, int]) -> NDArray[np.float64]:

@@ -1,8 +1,7 @@
 """What runs inside the fusion's process: jobs in, maps out."""
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from service.fusion.streams import Stream
 from service.messages.burst import Burst
 from service.processes.worker import tell
 from solver.errors import FusionError
+from solver.kernels.ahead import compile_ahead
 from solver.result import Progress
 
 _BETWEEN_WORDS = 0.2
@@ -75,35 +75,15 @@ def _stream(streams: dict[int, Stream], job: FrameJob) -> Stream:
 
 
 def _warm_up(request: WarmUp) -> Ready:
-    """Compile the kernels of the configured method on a small scene: a step, seen by some frames."""
+    """Have the kernels of the configured method compiled, and load them for a small scene."""
     began = time.perf_counter()
-    with _compilations_told():
-        _fuse_small_scenes(request)
+    method = request.settings.method
+    compile_ahead("phasor" if method == "auto" else method, lambda done, total: tell(Compiling(done, total)))
+    fuse_small_scenes(request)
     return Ready(time.perf_counter() - began)
 
 
-@contextmanager
-def _compilations_told() -> Iterator[None]:
-    """Tell of every kernel that is compiled meanwhile; what a kernel is made of counts with it."""
-    from numba.core import event
-
-    class Listener(event.Listener):
-        depth = kernels = 0
-
-        def on_start(self, _: object) -> None:
-            self.depth += 1
-
-        def on_end(self, _: object) -> None:
-            self.depth -= 1
-            if self.depth == 0:
-                self.kernels += 1
-                tell(Compiling(self.kernels))
-
-    with event.install_listener("numba:compile", Listener()):
-        yield
-
-
-def _fuse_small_scenes(request: WarmUp) -> None:
+def fuse_small_scenes(request: WarmUp) -> None:
     frames, calibration = _small_scene(3 if request.window is None else request.window + 3)
     fuse_burst(Burst(0, frames[:3], calibration, 3), request.settings)
     if request.window is not None:

@@ -72,9 +72,10 @@ class Ready:
 
 @dataclass(frozen=True, slots=True)
 class Compiling:
-    """How many kernels were compiled so far, none of which lay on the disk."""
+    """How many kernels were compiled so far, and of how many, none of which lay on the disk."""
 
     kernels: int
+    total: int
 
 
 @dataclass(frozen=True, slots=True)

@@ -167,7 +167,7 @@ class LocalExecutor:
         now = time.monotonic()
         if now - self._told >= _BETWEEN_WORDS:
             self._told = now
-            self.progress = f"compiles its kernels, once on this machine: {so_far.kernels} so far"
+            self.progress = f"compiles its kernels, once on this machine: {so_far.kernels} of {so_far.total}"
             _log.info("the fusion %s", self.progress)
 
     def _start(self) -> float:

@@ -148,6 +148,11 @@ class KernelCache(caching.FunctionCache):
             _log.info("a compiled kernel cannot be used: %s", fault)
             return None
 
+    def holds(self, arguments: tuple[Any, ...], target_context: Any) -> bool:
+        """Whether it lies compiled for these types of arguments, as far as its index says."""
+        key = self._index_key(arguments, target_context.codegen())  # type: ignore[no-untyped-call]
+        return any(key in files.index() for files in self.files)
+
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep a compiled kernel, if that is possible."""
         try:

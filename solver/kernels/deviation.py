@@ -78,7 +78,8 @@ def combine(rank, size, x, precision, factor, noise, least, shift, out):  # type
     top, end = rank * rows // size, (rank + 1) * rows // size
     for row in range(top - before, end + factor - 1 - before):
         source = _reflected(row, rows)
-        own[:] = precision[source]
+        for j in range(n):
+            own[j] = precision[source, j]
         _window(line, factor, rings[0, row % factor])
         _steepness(x, source, own)
         _window(line, factor, rings[1, row % factor])

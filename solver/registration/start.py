@@ -100,18 +100,26 @@ def _search(values, weights, reference, middle, rows, columns, better):  # type:
     found = np.zeros((count, 2), dtype=np.int64)
     stride = 1 if height < 32 else 2  # every second row is plenty
     # w v / (w + v) = 1 / (1/w + 1/v); a pixel that is not used has a huge variance.
-    variance = np.where(weights > 0.0, np.float32(1.0) / np.maximum(weights, np.float32(1e-32)), UNUSED)
+    variance = np.empty_like(weights)
+    used = np.zeros(count, np.int64)
+    for k in range(count):
+        for i in range(height):
+            for j in range(weights.shape[2]):
+                weight = weights[k, i, j]
+                variance[k, i, j] = (
+                    np.float32(1.0) / max(weight, np.float32(1e-32)) if weight > 0.0 else UNUSED
+                )
+                used[k] += weight > 0.0 and i % stride == 0
     buffer = np.empty(weights.shape[2], dtype=np.float32)
     for k in range(count):
         if k == reference:
             continue
-        own = (weights[k, ::stride] > 0).sum()
         lowest = np.inf
         for a in range(-rows, rows + 1):
             for b in range(-columns, columns + 1):
                 dy, dx = middle[k, 0] + a, middle[k, 1] + b
                 cost, seen = _compare(values, variance, k, reference, dy, dx, stride, buffer)
-                if seen < LEAST_OVERLAP * own or seen == 0:
+                if seen < LEAST_OVERLAP * used[k] or seen == 0:
                     continue
                 # A thousandth a pixel settles ties, as in a featureless scene.
                 mean = cost / seen + 0.001 * np.sqrt(float(a * a + b * b))

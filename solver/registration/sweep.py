@@ -112,7 +112,8 @@ def _solve_row(sums, image, into, i, begin, end, scratch):  # type: ignore[no-un
     inverse, east, north, south, zero = scratch[3], scratch[4], scratch[5], scratch[6], scratch[7]
     s_nw, s_ne = (sums[3, up], sums[4, up]) if i > 0 else (zero, zero)
     s_se, s_sw = sums[3, i], sums[4, i]
-    inverse[:] = sums[0, i]
+    for j in range(columns):
+        inverse[j] = sums[0, i, j]
     _couple(sums[1, i, :-1], own[:-1], own[1:], east[:-1], inverse[:-1])
     if i > 0:
         _couple(sums[2, up], own, above, north, inverse)
