@@ -60,8 +60,8 @@ _REACH = 2.5
 noise: a mean over h errs by h² where the scene is curved, and by σ / h² of its noise."""
 
 _VOTING = 10.0
-"""Deviations of |Z| at which a pixel has half a say in the tilt. Without, a thing with nothing behind it had a
-third more mean absolute error: noise around it gave its rim a slope."""
+"""Deviations of |Z| at which a pixel has half a say in the tilt. Without, what has nothing behind it had
+a third more mean absolute error: noise around it gave its rim a slope."""
 
 _FAINTEST = 0.03
 """The least |Z| at most, in units of the RMS amplitude: below some least one l would run away to −∞."""

@@ -33,8 +33,8 @@ def slope(
 
     Args:
         x: (C, rows + 4, columns + 4), padded.
-        edge: difference of a gradient from the slope before from which a pixel is an edge, which has no slope;
-            such pixels take their neighbours'.
+        edge: how far from the slope before a gradient is that of an edge, which has no slope; such pixels
+            take their neighbours'.
         reach: deviation of the Gaussian that averages slopes, fused pixels.
         before: a slope found before; None = level.
         measure: (rows + 4, columns + 4), what slopes are averaged in the unit of; None = 1.
