@@ -49,7 +49,7 @@ _EASE = 0.7
 """e, of the logarithm: a step of the amplitude by a factor of two halves the penalty."""
 
 _USUAL = 2 * np.pi / 7.5
-_EDGE, _EDGE_BLUNT = 0.003 * _USUAL, 0.75
+_EDGE, _EDGE_BLUNT = 0.002 * _USUAL, 0.9
 """By how much φ rises more from one fused pixel to the next than the tilt before said where it is an edge and
 has no say in the tilt; times this power of the bluntness. Counted from the tilt, not from level, so that a
 steep floor has its say and the rim of a stair, smeared over some pixels, has none: with 0.02 counted from
