@@ -7,8 +7,8 @@ over pairs of neighbours, w one over their distance, s the inverse of the varian
 that the first sum is the true log-likelihood: its weight grows with N and falls with the noise by itself. The
 tilt is what the slope of the surroundings foretells (see `solver.slope`), the slope of 1 / φ, which is the
 same all over a plane. Print changes l and leaves φ; a pair's tail ties along an edge and frees across it.
-Where the amplitude steps, a step of the distance is more likely, so its penalty is eased: else a dark thing is
-drawn to what is bright around it. |Z| is that of the darker one of the two.
+Where the amplitude steps, a step of the distance is more likely, so its penalty is eased: else a dark thing
+is drawn to what is bright around it. |Z| is that of the darker one of the two.
 
 It is not convex. The penalties lie under quadratics that touch them at the present state (see
 `kernels.pairs`); the slope and the easing are held; and Z moves by Z exp x, which is linear in x for small
