@@ -6,13 +6,16 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from threading import Thread, current_thread, main_thread
+from threading import Thread, Timer, current_thread, main_thread
 from types import FrameType
 
 _NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 _IMPATIENCE = 2.0
 """Seconds after which a second signal is meant: `timeout` and some supervisors send each one twice."""
+
+_LONGEST = 4.8
+"""Seconds after which whoever promised to stop is ended: five are promised."""
 
 _came: list[int] = []
 
@@ -43,10 +46,12 @@ class Stopping:
 
     Args:
         reloads: whether SIGHUP is a wish to read the configuration again.
+        give_up: ends the process; called where it is still there some seconds after the wish to stop.
     """
 
-    def __init__(self, reloads: bool = False) -> None:
+    def __init__(self, reloads: bool = False, give_up: Callable[[], object] | None = None) -> None:
         self._reloads = reloads
+        self._last_resort = None if give_up is None else Timer(_LONGEST, give_up)
         self._stop: Callable[[], object] | None = None
         self._reload: Callable[[], object] | None = None
         self._first: float | None = None
@@ -77,23 +82,33 @@ class Stopping:
                 self._reload()
             return
         now = time.monotonic()
-        self._first = self._first or now
+        if self._first is None:
+            self._first = now
+            if self._last_resort is not None:
+                self._last_resort.daemon = True
+                self._last_resort.start()
         if self._stop is not None:
             self._stop()
         if now - self._first > _IMPATIENCE:
             os._exit(128 + number)
 
+    def close(self) -> None:
+        """It has ended in time."""
+        if self._last_resort is not None:
+            self._last_resort.cancel()
+
 
 @contextmanager
-def stopping(*, reloads: bool = False) -> Iterator[Stopping]:
+def stopping(*, reloads: bool = False, give_up: Callable[[], object] | None = None) -> Iterator[Stopping]:
     """Signals are a wish to stop meanwhile.
 
     A thread takes them: the main one may be in a call that lasts, of a device's library or a compiler.
 
     Args:
         reloads: SIGHUP is a wish to read the configuration again.
+        give_up: ends the process; called, in another thread, where that is not over 4.8 s after the wish.
     """
-    taker = Stopping(reloads)
+    taker = Stopping(reloads, give_up)
     if current_thread() is not main_thread():
         yield taker
         return
@@ -111,6 +126,7 @@ def stopping(*, reloads: bool = False) -> Iterator[Stopping]:
             signal.set_wakeup_fd(former)
             theirs.close()
             thread.join()
+            taker.close()
 
 
 def _listen(connection: socket.socket, taker: Stopping) -> None:

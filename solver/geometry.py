@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solver.errors import FusionInputError
-from solver.lens import camera_matrix, lens_coefficients, pixel_rays, rays_through, tilt_matrix
+from solver.lens import camera_matrix, lens_coefficients, pixel_rays, ray_lengths, rays_through, tilt_matrix
 
 
 def depth_from_distance(
@@ -18,9 +18,8 @@ def depth_from_distance(
         FusionInputError: wrong shape, bad intrinsics or distortion.
     """
     image = _image(distance)
-    rays = pixel_rays((image.shape[-2], image.shape[-1]), intrinsics, distortion)
-    length = np.sqrt(1.0 + rays[..., 0] ** 2 + rays[..., 1] ** 2)
-    return (image / length).astype(np.float32)
+    lengths = ray_lengths((image.shape[-2], image.shape[-1]), intrinsics, distortion)
+    return (image / lengths).astype(np.float32)
 
 
 def distance_from_depth(
@@ -28,8 +27,8 @@ def distance_from_depth(
 ) -> NDArray[np.float32]:
     """The inverse of `depth_from_distance`."""
     image = _image(depth)
-    rays = pixel_rays((image.shape[-2], image.shape[-1]), intrinsics, distortion)
-    return (image * np.sqrt(1.0 + rays[..., 0] ** 2 + rays[..., 1] ** 2)).astype(np.float32)
+    lengths = ray_lengths((image.shape[-2], image.shape[-1]), intrinsics, distortion)
+    return (image * lengths).astype(np.float32)
 
 
 def points_from_distance(

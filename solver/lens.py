@@ -82,6 +82,20 @@ def _rays(shape: tuple[int, int], intrinsics: tuple[float, ...], lens: tuple[flo
     return rays
 
 
+def ray_lengths(shape: tuple[int, int], intrinsics: ArrayLike, distortion: ArrayLike | None = None) -> Float:
+    """‖(x, y, 1)‖ of those rays, (H, W) float64, read-only; raises as `pixel_rays`."""
+    K, lens = camera_matrix(intrinsics), lens_coefficients(distortion)
+    return _lengths(shape, tuple(K.ravel().tolist()), tuple(lens.tolist()))
+
+
+@lru_cache(maxsize=4)  # every map needs them; for a fused one they cost 3 ms
+def _lengths(shape: tuple[int, int], intrinsics: tuple[float, ...], lens: tuple[float, ...]) -> Float:
+    rays = _rays(shape, intrinsics, lens)
+    lengths: Float = np.sqrt(1.0 + rays[..., 0] ** 2 + rays[..., 1] ** 2)
+    lengths.setflags(write=False)
+    return lengths
+
+
 def rays_through(positions: Float, intrinsics: Float, coefficients: Float) -> Float:
     """Undistorted rays (x, y) at z = 1 through image positions (row, column), (..., 2) to (..., 2) float64.
 

@@ -103,6 +103,7 @@ def endpoint(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         ("python zenoh", README),
         ("python command", README),
         ("python client", SUBSCRIBERS),
+        ("python command", SUBSCRIBERS),
         ("python zenoh", SUBSCRIBERS),
     ],
 )

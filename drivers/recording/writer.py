@@ -10,18 +10,21 @@ from typing import IO, Self, cast
 
 from mcap.data_stream import RecordBuilder
 from mcap.records import DataEnd, Footer
-from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
+from mcap.writer import MCAP0_MAGIC
 
 from drivers.calibration import Calibration, Mount
 from drivers.errors import StateError, StorageError
 from drivers.frame import Frame
 from drivers.messages import Message, Schema, calibration_message, frame_messages
 from drivers.recording import attachments
+from drivers.recording.compression import fast_writer
 from drivers.recording.output import Output
 from drivers.recording.versions import library, versions
 
 CHUNK_SIZE = 256 * 1024
 """Bytes before compression; two or three frames, the most that is lost when the process is killed."""
+
+_Writer = fast_writer()
 
 SEQUENCE_MASK = 0xFFFFFFFF
 """MCAP counts in 32 bits; camera/frame holds the whole number."""
@@ -48,12 +51,7 @@ class RecordingWriter:
         self._calibration: bytes | None = None
         self._is_closed = False
         self._output = Output(self.path)
-        self._writer = Writer(
-            cast(IO[bytes], self._output),
-            chunk_size=CHUNK_SIZE,
-            compression=CompressionType.ZSTD,
-            enable_data_crcs=True,
-        )
+        self._writer = _Writer(cast(IO[bytes], self._output), chunk_size=CHUNK_SIZE, enable_data_crcs=True)
         try:
             self._begin(metadata or {})
         except BaseException:

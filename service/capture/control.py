@@ -21,12 +21,14 @@ class Control:
         stop: ends the run.
         inbox: errands for the owner.
         beat: called while the owner waits on purpose: a sign of life where no frame comes.
+        changed: called when it is paused, or goes on.
     """
 
     def __init__(self, stop: Event | None = None) -> None:
         self.stop = stop if stop is not None else Event()
         self.inbox = Inbox()
         self.beat: Callable[[], None] = lambda: None
+        self.changed: Callable[[], None] = lambda: None
         self._cancelled = self._halting = False
         self._paused = False
 
@@ -56,11 +58,13 @@ class Control:
     def pause(self) -> None:
         """Stand still after the pose at work, until `resume`."""
         self._paused = True
+        self.changed()
 
     def resume(self) -> None:
         """Go on."""
         self._paused = False
         self.inbox.wake()
+        self.changed()
 
     def renew(self) -> None:
         """Forget a cancellation and a pause: something else begins."""

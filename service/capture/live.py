@@ -8,10 +8,10 @@ from itertools import islice
 
 from drivers.errors import EndOfRecordingError
 from drivers.frame import Frame
+from service.capture.configured import make_rig
 from service.capture.control import Control
 from service.capture.grabber import Grabber
 from service.capture.motion import Operator
-from service.capture.rig import make_rig
 from service.config.sections import Configuration, StageSection
 
 

@@ -1,6 +1,7 @@
 """Takes burst after burst, or frame after frame, whatever happens to the devices meanwhile."""
 
 import logging
+import time
 from collections.abc import Callable, Iterator
 from typing import Generic, Protocol, TypeVar
 
@@ -39,12 +40,13 @@ class Capture(Generic[T]):
         source: takes them.
         recover: opens lost devices again; None = without telling anybody.
         ending: whether something else was asked for: looked at between two bursts.
-        pause: seconds between one and the next.
+        pause: seconds between one and the next, asked for when one is done.
         hurried: whether the next one shall not wait for that.
         first: number of the first.
 
     Attributes:
         number: of the burst, or frame, at work, or of the next one.
+        began: when the burst, or frame, at work was begun, `time.monotonic()`.
     """
 
     def __init__(
@@ -54,7 +56,7 @@ class Capture(Generic[T]):
         recover: Recover | None = None,
         ending: Callable[[], bool] = lambda: False,
         *,
-        pause: float = 0.0,
+        pause: Callable[[], float] = lambda: 0.0,
         hurried: Callable[[], bool] = lambda: False,
         first: int = 0,
     ) -> None:
@@ -62,6 +64,7 @@ class Capture(Generic[T]):
         self._grabber, self._control, self._rig = grabber, grabber.control, grabber.rig
         self._source, self._recover = source, recover if recover is not None else self._reopen
         self._ending, self._hurried, self._pause = ending, hurried, pause
+        self.began = 0.0
 
     def run(self) -> Iterator[T]:
         """All until told otherwise or a recording ends; what is interrupted is taken again.
@@ -75,6 +78,7 @@ class Capture(Generic[T]):
                 self._rest(rest)
                 if self._control.halted or self._ending():
                     return
+                self.began = time.monotonic()
                 taken = self._source.take(self.number)
             except EndOfRecordingError:
                 return
@@ -90,7 +94,7 @@ class Capture(Generic[T]):
                 continue
             self.number += 1
             yield taken
-            rest = self._pause
+            rest = self._pause()
 
     def _rest(self, seconds: float) -> None:
         """Do what waits to be done between two bursts, for at least so long unless there is a hurry."""

@@ -36,7 +36,7 @@ def check(
 
     import tomli_w
 
-    from service.capture.rig import check_options
+    from service.capture.configured import check_options
     from service.config.file import load
     from service.config.secrets import without_secrets
     from service.sinks.configured import configured_sinks

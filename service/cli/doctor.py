@@ -17,8 +17,9 @@ def doctor(
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Check USB permission, udev rule, vendor library, serial port, Zenoh, ROS 2, kernels, disk and clock.
+    """Check what a rig needs: USB, libraries, ports, kernels, disk, clock, and who it works with.
 
+    USB permission, udev rule, vendor library, serial port, Zenoh, ROS 2, kernels, cluster, disk, clock.
     No device is opened, nothing is sent or changed. Under each problem stands the line that mends it.
 
     [bold]Exit status[/bold]  0 nothing stands in the way (warnings aside); 1 there is a problem

@@ -137,7 +137,7 @@ def _task_maker(
     remote: bool,
 ) -> "Callable[[Path], FuseTask]":
     """What makes a task of a path; its calibration is looked at once, before anything is begun."""
-    from service.capture.rig import configured_calibration
+    from service.capture.configured import configured_calibration
     from service.jobs.task import FuseTask
     from service.messages.viewing import Extras
 

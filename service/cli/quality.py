@@ -159,7 +159,7 @@ def _of_file(
     path: Path, bursts: int, method: Method | None, config: Path | None, preset: str | None
 ) -> "tuple[Footage, object]":
     from drivers.recording import Recording, open_recording
-    from service.capture.rig import configured_calibration
+    from service.capture.configured import configured_calibration
     from service.cli.counter import counted
     from service.jobs.quality import fused_before, fused_now
     from service.messages.topics import FUSED_DEPTH

@@ -3,20 +3,21 @@
 import logging
 import os
 import sys
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from service.cli.parting import Parting
 from service.cli.preset import PresetOption, configured
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from service.config.sections import Configuration
     from service.daemon.daemon import Daemon
-    from service.fusion.local import LocalExecutor
+    from service.fusion.executor import Executor
     from service.messages.summary import RunSummary
     from service.signals import Stopping
 
@@ -95,6 +96,7 @@ def run(
     A daemon told to stop ends with 0, or with 3 where data was lost.
     """
     from service.fusion.process import fusion_process
+    from service.leaving import skip_the_end
     from service.signals import stopping
 
     def read() -> "Configuration":
@@ -105,14 +107,19 @@ def run(
             found = _playing(found, replay, speed or (None if once else 1.0), loop)
         return found
 
-    with stopping(reloads=not once and not _has_terminal()) as signals, ExitStack() as stack:
+    parting = Parting(once)
+    reloads = not once and not _has_terminal()
+    with stopping(reloads=reloads, give_up=parting.give_up) as signals, ExitStack() as stack:
         _check(replay, speed, loop, once)
         worker = stack.enter_context(fusion_process())  # it starts while the rest is imported
-        from service.fusion.local import LocalExecutor
+        from service.fusion.configured import configured_executor
 
         configuration = read()
-        executor = stack.enter_context(LocalExecutor.configured(configuration, worker))
-        summary = _served(configuration, executor, output, signals, read, home=home, once=once, quiet=as_json)
+        executor = stack.enter_context(configured_executor(configuration, worker, spare=not once))
+        summary = _served(
+            configuration, executor, output, signals, parting, read, home=home, once=once, quiet=as_json
+        )
+    skip_the_end()
     if summary is None:
         if once:
             raise typer.Abort
@@ -127,9 +134,10 @@ def run(
 
 def _served(
     configuration: "Configuration",
-    executor: "LocalExecutor",
+    executor: "Executor",
     output: Path | None,
     signals: "Stopping",
+    parting: "Parting",
     read: "Callable[[], Configuration]",
     *,
     home: bool,
@@ -138,7 +146,7 @@ def _served(
 ) -> "RunSummary | None":
     """Run the service; what it did, None where it was told to stop before it began."""
     from drivers.errors import MotionStoppedError
-    from service.capture.rig import make_rig
+    from service.capture.configured import make_rig
     from service.cli.operator import TerminalOperator
     from service.cli.progress import progress_sink
     from service.daemon.logs import log_to_stream
@@ -150,6 +158,7 @@ def _served(
     sinks = {"progress": progress_sink()} if once and not quiet else {}
 
     def started(daemon: "Daemon") -> None:
+        parting.daemon = daemon
         signals.stops(daemon.stop.set)
         signals.reloads(Reloading(daemon, read).begin)
 
@@ -164,7 +173,7 @@ def _served(
             sinks=sinks,
             executor=executor,
             started=started,
-            abandoned=None if once else _leave,
+            abandoned=parting.leave,
         )
     except MotionStoppedError:  # while the stage was opened: there is nothing to sum up
         return None
@@ -173,16 +182,6 @@ def _served(
 def _has_terminal() -> bool:
     """Whether there is one whose end SIGHUP may tell of."""
     return any(os.isatty(descriptor) for descriptor in range(3))
-
-
-def _leave(lost: "Sequence[str]") -> None:
-    """End the process though a device holds its owner."""
-    for loss in lost:
-        print("lost:", loss, file=sys.stderr)
-    with suppress(ValueError, OSError):
-        sys.stdout.flush()
-        sys.stderr.flush()
-    os._exit(3 if lost else 0)
 
 
 def _check(replay: Path | None, speed: float | None, loop: bool, once: bool) -> None:

@@ -46,12 +46,12 @@ def _app(name: str, what: str, example: str) -> typer.Typer:
 
 def _model(name: str) -> "type[BaseModel]":
     from drivers.settings import CameraSettings
-    from service.config.sections import FusionSection, PlanSection
+    from service.config.sections import FusionSettings, PlanSection
 
     models: dict[str, type[BaseModel]] = {
         "settings": CameraSettings,
         "plan": PlanSection,
-        "fusion": FusionSection,
+        "fusion": FusionSettings,
     }
     return models[name]
 

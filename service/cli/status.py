@@ -37,18 +37,18 @@ def _lines(told: "Status") -> Iterator[tuple[str, str]]:
     serial = f", serial {told.serial}" if told.serial else ""
     paused = ", paused" if told.paused else ""
     why = f": {told.reason}" if told.reason else ""
-    yield "state", f"{told.state}{paused} for {told.seconds:.0f} s{why}"
+    yield "state", f"{told.state} for {told.seconds:.0f} s{paused}{why}"
     yield "service", f"lidarboost {told.version}, up {told.uptime:.0f} s"
     yield "source", f"{told.source}: {told.model}{serial}" if told.source else "no camera"
-    yield "frames", f"{told.totals.frames}, {told.rates.frames:.1f} per second"
     latency = "" if told.latency is None else f", {told.latency:.2f} s after the last frame"
-    # A stream has none: its maps are of frames.
-    bursts = f" of {told.totals.bursts} bursts" if told.totals.bursts else ""
+    bursts = f", {told.totals.bursts} whole bursts" if told.totals.bursts else ""
+    yield "frames", f"{told.totals.frames}{bursts}, {told.rates.frames:.1f} per second"
     yield (
         "maps",
-        f"{told.totals.fused}{bursts}, {told.rates.fused:.2f} per second{latency}, "
-        f"{told.fusion.backlog} waiting",
+        f"{told.totals.fused}, {told.rates.fused:.2f} per second{latency}, {told.fusion.backlog} waiting",
     )
+    if told.fusion.cluster is not None:
+        yield "cluster", _cluster(told)
     if told.totals.unconverged or told.fusion.restarts:
         hung = f", {told.fusion.hung} times since it hung" if told.fusion.hung else ""
         yield (
@@ -88,6 +88,14 @@ def _lines(told: "Status") -> Iterator[tuple[str, str]]:
 
 def _clock(timestamp: int) -> str:
     return f"{datetime.fromtimestamp(timestamp / 1e9):%Y-%m-%d %H:%M:%S}"
+
+
+def _cluster(told: "Status") -> str:
+    cluster = told.fusion.cluster
+    assert cluster is not None
+    doing = f"in use, {cluster.workers} workers" if told.fusion.executor == "cluster" else "not in use"
+    returned = f", {cluster.returned} bursts of its fused here" if cluster.returned else ""
+    return f"{cluster.address}: {doing}, {cluster.fused} maps{returned}"
 
 
 def _recording(told: "Status") -> str:

@@ -80,8 +80,8 @@ class PlanSection(_Section):
         return self
 
 
-class FusionSection(_Section):
-    """How frames become one map."""
+class FusionSettings(_Section):
+    """How frames become one map: what a job carries, and what `cmd/fusion` may change."""
 
     frames: int = Field(15, ge=1, le=200, description="Frames of one burst.")
     method: Method = Field("auto", description="`auto` = `phasor` where there is amplitude, else `area`.")
@@ -118,6 +118,30 @@ class FusionSection(_Section):
             amplitude_threshold=self.amplitude_threshold,
             fill=self.fill,
         )
+
+
+class FusionSection(FusionSettings):
+    """How frames become one map, and who makes it."""
+
+    executor: Literal["local", "cluster"] = Field(
+        "local",
+        description="Who fuses the bursts of a scan: a process of this machine, or a Dask cluster "
+        "(`lidarboost[cluster]`), for which that process stands in while it is away. Streams stay here.",
+    )
+    cluster: str | None = Field(
+        None,
+        pattern=r"^[a-z]+://\S+:\d{1,5}$",
+        description="Address of the cluster's scheduler, such as tcp://10.0.0.7:8786. Its workers run what "
+        "they are sent and this service believes what they answer: trusted networks only.",
+    )
+
+    @model_validator(mode="after")
+    def _cluster_has_an_address(self) -> Self:
+        if self.executor == "cluster" and self.cluster is None:
+            raise ValueError(
+                'executor "cluster" needs the address of its scheduler: cluster = "tcp://HOST:8786"'
+            )
+        return self
 
 
 class StreamSection(_Section):

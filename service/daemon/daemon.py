@@ -1,10 +1,8 @@
 """The run: devices → frames → jobs → maps, as events to whoever takes them."""
 
-import logging
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
-from threading import Event as Flag
 
 from drivers.frame import Frame
 from drivers.recording import Recording
@@ -20,17 +18,18 @@ from service.daemon.disk import DiskWatch
 from service.daemon.first_mode import first_mode
 from service.daemon.fusing import Fusing
 from service.daemon.heartbeat import Heartbeat
+from service.daemon.last_resort import Wish
 from service.daemon.ledger import Ledger
 from service.daemon.logs import logged_events
-from service.daemon.modes import Idle, Mode, Scanning, Streaming
+from service.daemon.modes import Idle, Mode
 from service.daemon.monitor import Monitor
 from service.daemon.origin import Origin
 from service.daemon.playing import Playing
 from service.daemon.states import States
+from service.daemon.succession import Succession
 from service.daemon.supervision import Supervision
 from service.daemon.systemd import READY, STOPPING, notify
-from service.errors import InvalidStateError, IoFailureError, MotionError
-from service.fusion.local import LocalExecutor
+from service.fusion.executor import Executor
 from service.messages.events import Event, FrameCaptured, ScanProgressed
 from service.messages.replay import ReplayState
 from service.messages.status import CommandCounts
@@ -38,8 +37,6 @@ from service.sinks.bus import Bus
 
 _LAST_JOBS = 1.5
 """Seconds that the jobs in work get when the service is told to stop: it shall end within five."""
-
-_log = logging.getLogger(__name__)
 
 
 class Daemon:
@@ -62,12 +59,12 @@ class Daemon:
         configuration: Configuration,
         rig: Rig,
         bus: Bus,
-        executor: LocalExecutor,
+        executor: Executor,
         *,
         once: bool = False,
     ) -> None:
         self.configuration, self.rig, self.bus, self.once = configuration, rig, bus, once
-        self.stop = Flag()
+        self.stop = Wish()
         self.control, self.agenda = Control(self.stop), Agenda()
         self.control.beat = rig.beat
         self.ledger = Ledger()
@@ -87,6 +84,11 @@ class Daemon:
     def camera(self) -> Capabilities | None:
         """What gives the frames at present; None until it is open."""
         return self.origin.camera
+
+    @property
+    def is_opening(self) -> bool:
+        """Whether the devices have not been open yet."""
+        return self.origin.rig is None
 
     @property
     def replay(self) -> ReplayState:
@@ -167,53 +169,14 @@ class Daemon:
             monitor = Monitor(self.rig, self.grabber.counts, self, self.fusing.executor, self.bus, disk)
             mode = first_mode(self)
             # Neither status nor log may come once the sinks are closed.
-            with logged_events(self.emit), Heartbeat(monitor.beat):
+            with logged_events(self.emit), Heartbeat(monitor.beat) as heartbeat:
+                self.states.changed = self.control.changed = heartbeat.nudge
                 self._announce()
                 mode.prepare()
                 self._wait_ready()
                 notify(READY)
-                self._work(mode)
+                Succession(self).work(mode)
                 self._finish()
-
-    def _work(self, mode: Mode) -> None:
-        """One mode after the other, as they are asked for; raises what one that was not asked for raises."""
-        entered: Future[None] = Future()
-        while not self.stop.is_set():
-            self.mode = mode
-            self.control.renew()
-            self._show(mode.rig)
-            if mode.rig.is_open:
-                self.states.enter(mode.state, mode.reason)
-            entered.set_result(None)
-            following = self._after(mode)
-            if following is None:
-                return
-            mode, entered = following
-
-    def _after(self, mode: Mode) -> "tuple[Mode, Future[None]] | None":
-        """Work in a mode until it ends; what follows it."""
-        try:
-            mode.run()
-        except MotionError as error:
-            if self.once:
-                raise
-            self.agenda.give_up(IoFailureError(str(error)))
-            return self._standing_still(error), Future()
-        following = self.agenda.take()
-        if following is None and self.control.halted and not self.stop.is_set():
-            following = Idle(self), Future()
-        if following is None or following[0].state != "scanning" or following[0].rig is not mode.rig:
-            self.agenda.give_up(InvalidStateError("the scan ended before its turn came"))
-        if following is not None and isinstance(following[0], (Scanning, Streaming)):
-            self.states.mend("stage")
-        return following
-
-    def _standing_still(self, error: MotionError) -> Mode:
-        """Nothing moves any more: what made the stage unsafe needs a person, who starts it again."""
-        _log.error("%s", error)
-        self.grabber.counts.error = str(error)
-        self.states.degrade("stage", str(error), "look at the stage, then start again")
-        return Idle(self, str(error))
 
     def _refuse_all(self) -> None:
         """Nobody serves any more: say so to all who wait, and to all who come."""
@@ -225,19 +188,6 @@ class Daemon:
         expected = settings.stream.window if settings.start == "stream" else settings.fusion.frames
         frames = recording.frame_count if recording is not None else expected if self.once else None
         self.origin.show(self.rig, self.rig.clock.now(), frames)
-
-    def _show(self, rig: Rig) -> None:
-        """Have frames come from this rig; what the one before has left is fused first."""
-        before = self.origin.rig
-        if rig is before:
-            return
-        while not self.fusing.backlog.drain(0.1) and not self.control.halted:
-            self.control.beat()
-            self.control.inbox.serve("pose")
-        self.origin.show(rig, self.rig.clock.now())
-        if before is not None and before is not self.rig:
-            before.close()
-            self.origin.forget(before)
 
     def _wait_ready(self) -> None:
         for progress in self.fusing.waiting(self.stop):

@@ -5,11 +5,11 @@ import time
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
-from threading import Event, Thread
 from types import TracebackType
 from typing import Self
 
 from service.config.sections import RecordingSection
+from service.daemon.heartbeat import Heartbeat
 from service.files import recordings_in
 from service.messages.status import DiskState, RecorderState
 
@@ -32,19 +32,18 @@ class DiskWatch:
 
     def __init__(self, section: RecordingSection, clock: Callable[[], float] = time.monotonic) -> None:
         self._section, self._clock = section, clock
-        self._over = Event()
         self._seen: tuple[float, int, int, int] | None = None
         self._growth = _Growth()
-        self._thread = Thread(target=self._run, name="disk", daemon=True)
+        self._looks = Heartbeat(self._try, _INTERVAL, name="disk", patience=0.0)  # it may hang with its disk
 
     def __enter__(self) -> Self:
-        self._thread.start()
+        self._looks.__enter__()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._over.set()  # not joined: it may hang with its disk
+        self._looks.__exit__(kind, error, trace)
 
     def state(self, recorder: RecorderState | None) -> DiskState | None:
         """What is known now; None where the disk does not tell.
@@ -73,14 +72,11 @@ class DiskWatch:
         usage = shutil.disk_usage(there)
         self._seen = self._clock(), usage.free, usage.total, _used(directory)
 
-    def _run(self) -> None:
-        while True:
-            try:
-                self.look()
-            except OSError:
-                self._seen = None
-            if self._over.wait(_INTERVAL):
-                return
+    def _try(self) -> None:
+        try:
+            self.look()
+        except OSError:
+            self._seen = None
 
 
 class _Growth:

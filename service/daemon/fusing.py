@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from service.errors import ServiceError
 from service.fusion.backlog import Backlog
+from service.fusion.executor import Executor
 from service.fusion.job import FrameJob, Iterating, Job
-from service.fusion.local import LocalExecutor
 from service.messages.events import Event, FusionFailed, MapFused, SolverAdvanced
 from service.messages.map import FusedMap
 from service.messages.progress import SolverProgress
@@ -31,7 +31,7 @@ class Fusing:
         truth: (βH, βW) true distance of the first view, metres, or None.
     """
 
-    def __init__(self, executor: LocalExecutor, emit: Callable[[Event], None], *, lossless: bool) -> None:
+    def __init__(self, executor: Executor, emit: Callable[[Event], None], *, lossless: bool) -> None:
         self.executor = executor
         self.backlog = Backlog(self.executor, self._fused, self._failed, self._iterating, lossless=lossless)
         self.truth: NDArray[np.float32] | None = None

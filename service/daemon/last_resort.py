@@ -1,25 +1,46 @@
 """Ends a service whose devices do not let go: a library that hangs must not keep it from ending."""
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Event as Flag
 from threading import Thread
 
-_PATIENCE = 3.0
-"""Seconds after the wish to stop in which the owner of the devices has to come back."""
-
 _LOOK = 0.5
 
 
+class Wish(Flag):
+    """The wish to stop, and since when there is one."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._since: float | None = None
+
+    def set(self) -> None:
+        self._since = self._since or time.monotonic()
+        super().set()
+
+    @property
+    def seconds(self) -> float:
+        """For how long; 0 while there is none."""
+        return 0.0 if self._since is None else time.monotonic() - self._since
+
+
 @contextmanager
-def last_resort(stop: Flag, hand_over: Callable[[], None]) -> Iterator[None]:
-    """Have `hand_over` called, in another thread, where the context is not left 3 s after `stop` was set."""
+def last_resort(stop: Flag, patience: Callable[[], float], hand_over: Callable[[], None]) -> Iterator[None]:
+    """Have `hand_over` called, in another thread, where the context is not left soon after `stop` was set.
+
+    Args:
+        stop: the wish to stop.
+        patience: seconds in which the owner of the devices has to come back.
+        hand_over: ends all without it.
+    """
     left = Flag()
 
     def watch() -> None:
         while not left.is_set():
             if stop.wait(_LOOK):
-                if not left.wait(_PATIENCE):
+                if not left.wait(patience()):
                     hand_over()
                 return
 

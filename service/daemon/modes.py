@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import logging
+import time
 from math import radians
 from typing import TYPE_CHECKING, Protocol
 
 from drivers.errors import DeviceLostError, OperationError
 from service.capture.carried import CarriedBursts
+from service.capture.pace import Pace
 from service.capture.resumption import BegunBurst, begun_burst
 from service.capture.rig import Rig
 from service.capture.scan import ScanBursts
@@ -15,9 +17,11 @@ from service.capture.series import Capture
 from service.capture.stream import CarriedFrames, SweptFrames
 from service.config.sections import Configuration
 from service.daemon.recovery import Recovery
+from service.errors import UnavailableError
 from service.fusion.job import BurstJob, FrameJob
 from service.messages.burst import Burst, check_frame
 from service.messages.events import BurstCaptured
+from service.messages.map import FusedMap
 from service.messages.status import State
 from service.planning.estimate import estimate_plan
 from service.planning.plan import Plan, make_plan
@@ -93,6 +97,7 @@ class Scanning:
 
     def __init__(self, daemon: Daemon, *, asked: bool = False, resumes: bool = False) -> None:
         self._daemon, self.rig, self.asked, self._resumes = daemon, daemon.rig, asked, resumes
+        self._pace = Pace()
         self.reason = "bursts by the plan"
         if daemon.carries_pose:
             self.reason = "bursts as recorded" if daemon.is_replayed else "bursts of another rig"
@@ -119,19 +124,19 @@ class Scanning:
             )
 
     def run(self) -> None:
-        daemon, settings = self._daemon, self._daemon.configuration
+        daemon = self._daemon
         capture = Capture(
             daemon.grabber,
             self._source,
             Recovery(daemon, self),
             lambda: daemon.ending,
-            pause=settings.plan.pause,
+            pause=self._pause,
             hurried=lambda: daemon.agenda.awaited,
             first=daemon.next_burst,
         )
         try:
             for number, burst in enumerate(capture.run(), 1):
-                self._hand_over(burst, number)
+                self._hand_over(burst, number, time.monotonic() - capture.began)
                 if daemon.once and not daemon.is_replayed:
                     return
                 if self.asked and not daemon.agenda.awaited:
@@ -146,12 +151,27 @@ class Scanning:
         daemon = self._daemon
         return begun_burst(daemon.configuration, daemon.rig, poses)
 
-    def _hand_over(self, burst: Burst, number: int) -> None:
+    def _pause(self) -> float:
+        """Seconds until the next burst; frames that bring their own angles come when they come."""
+        pause = self._daemon.configuration.plan.pause
+        return pause if self._daemon.carries_pose else max(pause, self._pace.wait())
+
+    def _hand_over(self, burst: Burst, number: int, seconds: float) -> None:
         daemon, fusion = self._daemon, self._daemon.configuration.fusion
         done = daemon.agenda.turn()
         daemon.emit(BurstCaptured(burst, number))
         job = BurstJob(burst, fusion, awaited=done is not None)
-        daemon.fusing.backlog.put(job, fusion.backlog, daemon.stop.is_set, done)
+        self._pace.captured(seconds, fusion)
+
+        def finished(outcome: FusedMap | Exception) -> None:
+            if isinstance(outcome, UnavailableError):
+                self._pace.dropped()
+            else:
+                self._pace.fused()
+            if done is not None:
+                done(outcome)
+
+        daemon.fusing.backlog.put(job, fusion.backlog, daemon.stop.is_set, finished)
 
 
 class Streaming:

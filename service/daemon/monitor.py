@@ -1,4 +1,4 @@
-"""Puts the counts of all parts together into the status, once a second."""
+"""Puts the counts of all parts together into the status, once a second and after every change of state."""
 
 from __future__ import annotations
 
@@ -53,6 +53,7 @@ class Monitor:
         """Look after the sinks, tell the status, feed the watchdog."""
         self._bus.watch()
         self._judge_sinks()
+        self._judge_cluster()
         for look in self._daemon.lookouts:
             look()
         status = self.status()
@@ -140,6 +141,17 @@ class Monitor:
                 self._daemon.states.degrade(f"sink {sink.name}", f"{sink.name}: {sink.error}", remedy)
             else:
                 self._daemon.states.mend(f"sink {sink.name}")
+
+    def _judge_cluster(self) -> None:
+        cluster = self._executor.state.cluster
+        if cluster is not None and cluster.error is not None:
+            self._daemon.states.degrade(
+                "cluster",
+                f"bursts are fused on this machine: {cluster.error}",
+                "it is asked again by itself",
+            )
+        else:
+            self._daemon.states.mend("cluster")
 
     def _tell_systemd(self, status: Status) -> None:
         """One line of status; the watchdog is fed while the state's own kind of progress is made."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import BaseModel
 
 from drivers.errors import DriverError
-from service.capture.rig import check_options
+from service.capture.configured import check_options
 from service.config.sections import Configuration
 from service.daemon.recording import begin_recorder
 from service.daemon.renewal import reconfigure
@@ -32,6 +32,9 @@ _LIVE = (
     "stage.timeout",
 )
 """What can be changed while the service runs: sections, and fields of others."""
+
+_FIXED = {"fusion": ("executor", "cluster")}
+"""What cannot, of these sections."""
 
 _RETRY = 0.5
 """Seconds after which a rig that is lost, or paused, is asked again."""
@@ -81,8 +84,8 @@ class Reloading:
         check_options(wanted)
         before = self._daemon.configuration
         changed = list(_differences(before, wanted))
-        live = [key for key in changed if key.startswith(_LIVE)]
-        later = [key for key in changed if not key.startswith(_LIVE)]
+        live = [key for key in changed if _is_live(key)]
+        later = [key for key in changed if not _is_live(key)]
         self._put_in_force(_merged(before, wanted))
         if before.recording != wanted.recording:
             begin_recorder(self._daemon.bus, wanted.recording, self._wish(before, wanted))
@@ -126,15 +129,21 @@ class Reloading:
         daemon.grabber.timeout = wanted.camera.timeout
 
 
+def _is_live(key: str) -> bool:
+    section, _, field = key.partition(".")
+    return key.startswith(_LIVE) and field not in _FIXED.get(section, ())
+
+
 def _merged(before: Configuration, wanted: Configuration) -> Configuration:
     """What was in force, with what can be changed as it is wanted."""
     merged = before
     for key in _LIVE:
         section, _, field = key.partition(".")
         value = getattr(wanted, section)
+        update = {name: getattr(getattr(before, section), name) for name in _FIXED.get(section, ())}
         if field:
-            value = getattr(merged, section).model_copy(update={field: getattr(value, field)})
-        merged = merged.model_copy(update={section: value})
+            update, value = {field: getattr(value, field)}, getattr(merged, section)
+        merged = merged.model_copy(update={section: value.model_copy(update=update)})
     return merged
 
 

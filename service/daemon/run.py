@@ -14,11 +14,14 @@ from service.config.sections import Configuration
 from service.daemon.commanded import commanded
 from service.daemon.daemon import Daemon
 from service.daemon.last_resort import last_resort
+from service.daemon.namesakes import Namesakes
 from service.daemon.network import Network
 from service.daemon.page import kept_page
 from service.daemon.recording import begin_recorder
 from service.files import made_directory
-from service.fusion.local import LocalExecutor
+from service.fusion.configured import configured_executor
+from service.fusion.executor import Executor
+from service.leaving import within
 from service.messages.summary import BurstSummary, RunSummary
 from service.messages.viewing import Extras
 from service.sinks.bus import Bus
@@ -39,9 +42,16 @@ from service.wire.session import open_session
 
 FUSED_FILE = "fused.mcap"
 
-_HANDOVER, _HANDOVER_TOLD, _HANDOVER_ABANDONED = 30.0, 2.2, 1.5
-"""Seconds that the sinks get at the end for what waits: after a whole run, when told to stop, and where a
-device does not let go."""
+_HANDOVER = 30.0
+"""Seconds that the sinks get for what waits, after a whole run."""
+
+_DEVICES, _OPENING, _SINKS = 2.5, 1.5, 3.6
+"""Seconds after the wish to stop by which the devices have to be closed (where they are still being opened
+nothing has been captured), and by which the sinks have to be: the session takes up to a second more, and all
+shall end within five."""
+
+_PROCESS = 0.3
+"""Seconds in which the fusion's process is gone; one that is stopped by the kernel is left to it."""
 
 _log = logging.getLogger(__name__)
 
@@ -58,7 +68,7 @@ def run_service(
     output: Path | None = None,
     once: bool = False,
     sinks: SinkMakers | None = None,
-    executor: LocalExecutor | None = None,
+    executor: Executor | None = None,
     started: Callable[[Daemon], None] = lambda _: None,
     abandoned: Callable[[Sequence[str]], None] | None = None,
 ) -> RunSummary:
@@ -87,7 +97,7 @@ def run_service(
     makers = {**configured_sinks(configuration.sinks), **(sinks or {})}
     with ExitStack() as stack:
         if executor is None:
-            executor = stack.enter_context(LocalExecutor.configured(configuration))
+            executor = stack.enter_context(configured_executor(configuration))
         session = stack.enter_context(open_session(file=configuration.zenoh.config, lossless=once))
         if output is not None:
             stack.enter_context(made_directory(output))
@@ -95,6 +105,7 @@ def run_service(
         daemon = Daemon(configuration, rig, bus, executor, once=once)
         bus.add("summaries", lambda: Summaries(summaries))
         daemon.lookouts.append(Network(Links(session, configuration.zenoh.config), daemon.states).look)
+        daemon.lookouts.append(Namesakes(session, configuration.zenoh.prefix, daemon.states).look)
         bus.add(PUBLISHER, lambda: _publisher(configuration, session, once))
         begin_recorder(bus, configuration.recording, order_of(configuration.recording).wish)
         if configuration.metrics.enabled:
@@ -112,18 +123,24 @@ def run_service(
 
         def hand_over() -> None:
             assert abandoned is not None
-            _log.error("a device does not let go: the service ends without it")
-            bus.close(_HANDOVER_ABANDONED, hurry=True)
-            executor.close()
+            if daemon.is_opening:
+                _log.info("told to stop while the devices are being opened")
+            else:
+                _log.error("a device does not let go: the service ends without it")
+            bus.close(_SINKS - daemon.stop.seconds, discard=once and daemon.ledger.fused == 0, hurry=True)
+            within(_PROCESS, executor.close, "closing the fusion")
             abandoned(_lost(daemon, bus))
 
-        with nullcontext() if abandoned is None else last_resort(daemon.stop, hand_over):
+        def patience() -> float:
+            return _OPENING if daemon.is_opening else _DEVICES
+
+        with nullcontext() if abandoned is None else last_resort(daemon.stop, patience, hand_over):
             daemon.run()
         if once and daemon.stop.is_set() and daemon.ledger.fused == 0:
             raise KeyboardInterrupt  # there is nothing to hand over
         publisher = bus.sink(PUBLISHER)
         told = daemon.stop.is_set()
-        bus.close(_HANDOVER_TOLD if told else _HANDOVER, hurry=told)
+        bus.close(_SINKS - daemon.stop.seconds if told else _HANDOVER, hurry=told)
         published = publisher.published if isinstance(publisher, Publisher) else 0
         return _summary(daemon, bus, summaries, published, time.monotonic() - began)
 

@@ -20,13 +20,17 @@ class States:
     """The state with its reason and its age, and beside it the list of what is degraded.
 
     Args:
-        emit: told of every change.
+        emit: told of every change of state.
         clock: seconds.
+
+    Attributes:
+        changed: called after every change, also of what is degraded.
     """
 
     def __init__(
         self, emit: Callable[[Event], None] = lambda _: None, clock: Callable[[], float] = time.monotonic
     ) -> None:
+        self.changed: Callable[[], None] = lambda: None
         self._emit, self._clock = emit, clock
         self._lock = Lock()
         self._state: State = "starting"
@@ -65,14 +69,20 @@ class States:
                 self._since = self._clock()
             self._state, self._reason = state, reason
         self._emit(StateChanged(state, reason))
+        self.changed()
 
     def degrade(self, part: str, what: str, remedy: str) -> None:
         """Something of a part does not work; it is said until `mend`."""
         with self._lock:
-            since = self._faults[part].since if part in self._faults else self._clock()
-            self._faults[part] = _Fault(what, remedy, since)
+            before = self._faults.get(part)
+            fault = _Fault(what, remedy, self._clock() if before is None else before.since)
+            self._faults[part] = fault
+        if fault != before:
+            self.changed()
 
     def mend(self, part: str) -> None:
         """The part works again."""
         with self._lock:
-            self._faults.pop(part, None)
+            before = self._faults.pop(part, None)
+        if before is not None:
+            self.changed()

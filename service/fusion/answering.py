@@ -28,7 +28,7 @@ def answering() -> Callable[[Job | WarmUp], Answer]:
     def answer(request: Job | WarmUp) -> Answer:
         try:
             if isinstance(request, WarmUp):
-                return _warm_up(request)
+                return warm_up(request)
             if isinstance(request, BurstJob):
                 return fuse_burst(request.burst, request.settings, _iterations_told())
             return _stream(streams, request).push(request)
@@ -74,7 +74,7 @@ def _stream(streams: dict[int, Stream], job: FrameJob) -> Stream:
     return streams[job.stream]
 
 
-def _warm_up(request: WarmUp) -> Ready:
+def warm_up(request: WarmUp) -> Ready:
     """Have the kernels of the configured method compiled, and load them for a small scene."""
     began = time.perf_counter()
     method = request.settings.method

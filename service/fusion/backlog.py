@@ -85,19 +85,25 @@ class Backlog:
             return self._changed.wait_for(lambda: not self._unfinished, timeout)
 
     def clear(self) -> int:
-        """Cancel what has not begun; returns how many that were."""
-        return sum(future.cancel() for future in list(self._unfinished))
+        """Cancel what has not begun, and count it; returns how many that were."""
+        return sum(self._give_up(future, job) for future, (job, _) in list(self._unfinished.items()))
 
     def _drop_oldest(self) -> bool:
         for future, (job, _) in list(self._unfinished.items()):
-            if not _is_awaited(job) and future.cancel():
-                if isinstance(job, FrameJob):
-                    self.skipped += 1
-                else:
-                    self.dropped += 1
+            if not _is_awaited(job) and self._give_up(future, job):
+                if isinstance(job, BurstJob):
                     _log.warning("burst %d dropped: the fusion is slower than the capture", job.number)
                 return True
         return False
+
+    def _give_up(self, future: "Future[FusedMap]", job: Job) -> bool:
+        if not future.cancel():
+            return False
+        if isinstance(job, FrameJob):
+            self.skipped += 1
+        else:
+            self.dropped += 1
+        return True
 
     def _finish(self, future: "Future[FusedMap]") -> None:
         with self._changed:

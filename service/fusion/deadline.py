@@ -15,9 +15,14 @@ a machine that is busy with something else makes a job some times as long."""
 
 
 class Deadline:
-    """Adapts to what is usual; never beyond what the job's settings allow."""
+    """Adapts to what is usual; never beyond what the job's settings allow.
 
-    def __init__(self) -> None:
+    Args:
+        floor: seconds that a job may take in any case.
+    """
+
+    def __init__(self, floor: float = _FLOOR) -> None:
+        self._floor = floor
         self._seen: defaultdict[tuple[object, ...], deque[float]] = defaultdict(
             lambda: deque(maxlen=_REMEMBERED)
         )
@@ -27,7 +32,7 @@ class Deadline:
         seen = self._seen[_kind(job)]
         if len(seen) < _FEWEST:
             return job.settings.timeout
-        return min(job.settings.timeout, max(_FLOOR, _TIMES * max(seen)))
+        return min(job.settings.timeout, max(self._floor, _TIMES * max(seen)))
 
     def learn(self, job: Job, seconds: float) -> None:
         """A job took so long."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from concurrent.futures import Future
-from typing import Protocol
+from typing import Protocol, Self
 
 from service.fusion.job import Iterating, Job
 from service.messages.map import FusedMap
@@ -24,5 +24,17 @@ class Executor(Protocol):
     @property
     def state(self) -> FusionState: ...
 
+    @property
+    def progress(self) -> str:
+        """What it does until it is ready, in words."""
+
+    @property
+    def ready(self) -> "Future[float]":
+        """Seconds that it took until jobs could be done; raises `WorkerError` where it was given up."""
+
     def close(self) -> None:
         """Give up what is left, at once."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *_: object) -> None: ...

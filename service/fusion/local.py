@@ -9,24 +9,28 @@ from dataclasses import replace
 from threading import Condition, Thread
 from typing import Self
 
-from service.config.sections import Configuration, FusionSection
+from service.config.sections import FusionSection
 from service.errors import HungError, WorkerError
 from service.fusion.deadline import Deadline
 from service.fusion.job import Answer, Compiling, Failure, Iterating, Job, Ready, WarmUp
 from service.fusion.process import fusion_process
+from service.fusion.spare import Spare
 from service.messages.map import FusedMap
 from service.messages.status import FusionState
 from service.processes.worker import Worker
 from solver.errors import FusionError
 
 _START_TIMEOUT = 600.0
-"""Seconds to import and compile the kernels: a few; two minutes where nothing is cached yet."""
+"""Seconds to import and compile the kernels: a few; a minute or more where nothing is cached yet."""
 
 _BETWEEN_WORDS = 3.0
 """Seconds between two words on how many kernels are compiled; loading all of them takes less."""
 
 _STARTS = 3
 """Starts in a row that may fail before the executor is given up."""
+
+_PROVEN = 3
+"""Maps after which a spare one is made ready: the first ones shall not wait for it."""
 
 Listener = Callable[[Iterating], None]
 """Told how far the solver is."""
@@ -43,12 +47,20 @@ class LocalExecutor:
         settings: what to be ready for; `timeout` bounds each job.
         window: of the stream to be ready for; None = bursts only.
         worker: the process, which may have been started already.
+        spare: whether a second one is kept ready, once the first has proven its worth.
     """
 
     def __init__(
-        self, settings: FusionSection, window: int | None = None, worker: Worker | None = None
+        self,
+        settings: FusionSection,
+        window: int | None = None,
+        worker: Worker | None = None,
+        *,
+        spare: bool = False,
     ) -> None:
-        self._settings, self._window = settings, window
+        self._request = WarmUp(settings, window)
+        self._spare = Spare(self._request) if spare else None
+        self._answered = 0
         self._worker = fusion_process() if worker is None else worker
         self._worker.cancelled = lambda: self._closing
         self._deadline = Deadline()
@@ -64,12 +76,6 @@ class LocalExecutor:
         """Seconds that it took until the kernels were ready; raises `WorkerError` where it was given up."""
         self._thread = Thread(target=self._run, name="fusion", daemon=True)
         self._thread.start()
-
-    @classmethod
-    def configured(cls, configuration: Configuration, worker: Worker | None = None) -> Self:
-        """One that is ready for what the service does first."""
-        window = configuration.stream.window if configuration.start == "stream" else None
-        return cls(configuration.fusion, window, worker)
 
     def __enter__(self) -> Self:
         return self
@@ -89,17 +95,30 @@ class LocalExecutor:
     @property
     def state(self) -> FusionState:
         waiting = sum(not future.cancelled() for _, future, _ in list(self._jobs))
-        return FusionState(backlog=waiting, restarts=self._restarts, hung=self._hung, error=self._error)
+        return FusionState(
+            backlog=waiting,
+            restarts=self._restarts,
+            hung=self._hung,
+            spare=self.spare_pid is not None,
+            error=self._error,
+        )
 
     @property
     def pid(self) -> int | None:
         """Of the process at work."""
         return self._worker.pid
 
+    @property
+    def spare_pid(self) -> int | None:
+        """Of the one that stands ready."""
+        return None if self._spare is None else self._spare.pid
+
     def close(self) -> None:
         with self._changed:
             self._closing = True
             self._changed.notify_all()
+        if self._spare is not None:
+            self._spare.close()
         self._worker.kill()
         self._thread.join(1.0)
         for _, future, _ in self._jobs:
@@ -150,6 +169,9 @@ class LocalExecutor:
         assert isinstance(answer, FusedMap)
         self._error = None
         self._deadline.learn(job, time.monotonic() - began)
+        self._answered += 1
+        if self._spare is not None and self._answered >= _PROVEN:
+            self._spare.prepare()
         latency = time.monotonic() - job.completed
         return replace(answer, report=answer.report.model_copy(update={"latency": latency}))
 
@@ -159,8 +181,17 @@ class LocalExecutor:
         self._restarts += 1
         self._hung += isinstance(error, HungError)
         self._error = str(error)
-        _log.error("%s over number %d; it is started again", error, job.number)
-        self._start()
+        self._answered = 0
+        spare = None if self._spare is None else self._spare.take(lambda: self._closing)
+        if spare is None:
+            _log.error("%s over number %d; it is started again", error, job.number)
+            self._start()
+            return
+        _log.error("%s over number %d; the spare one takes its place", error, job.number)
+        self._worker.kill()
+        self._worker = spare
+        if self._closing:
+            spare.kill()
 
     def _compiling(self, so_far: Compiling) -> None:
         """Say how far it is, now and then."""
@@ -176,8 +207,7 @@ class LocalExecutor:
             try:
                 if not self._worker.is_fresh:
                     self._worker.start()
-                request = WarmUp(self._settings, self._window)
-                answer: Answer = self._worker.ask(request, _START_TIMEOUT, self._compiling)
+                answer: Answer = self._worker.ask(self._request, _START_TIMEOUT, self._compiling)
             except WorkerError as error:
                 if attempt == _STARTS or self._closing:
                     self._worker.kill()

@@ -11,8 +11,9 @@ from service.fusion.job import FrameJob
 from service.messages.map import FusedMap
 from solver import FusionWarning, SlidingFusion
 
-_MOST_ITERATIONS = 100
-"""A late map of a stream is worth less than one that is not quite converged; the next goes on from there."""
+_MOST_ITERATIONS = 120
+"""A late map of a stream is worth less than one that is not quite converged; the next goes on from there.
+As many as `phasor`'s fixed rounds."""
 
 
 class Stream:

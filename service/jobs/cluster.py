@@ -9,8 +9,8 @@ from typing import Any
 
 from service.errors import ClusterError, ClusterLostError
 from service.jobs.task import FileResult, FuseTask, attempted, failed
-from service.jobs.threads import solver_threads
 from service.processes.cluster import connected, within, workers_of
+from service.processes.threads import solver_threads
 
 _LOOK = 5.0
 """Seconds without a result after which the scheduler is asked whether it is there."""

@@ -9,8 +9,8 @@ from threading import Event, Thread
 
 from service.errors import HungError, WorkerError
 from service.jobs.task import FileResult, FuseTask, attempted, failed
-from service.jobs.threads import solver_threads
 from service.messages.burst import Burst
+from service.processes.threads import solver_threads
 from service.processes.worker import Worker, tell
 
 _SILENCE = 600.0

@@ -28,7 +28,7 @@ _SIX_BYTES = 6
 
 _RESULT = re.compile(r".*-[0-9a-f]{12}-fused(\.[0-9a-f]{8}\.partial)?\.mcap")
 
-_NO_MATTER = {"backlog", "timeout"}
+_NO_MATTER = {"backlog", "timeout", "executor", "cluster"}
 """Settings of the fusion that change no map."""
 
 _OUTCOME = "outcome"

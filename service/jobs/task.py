@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from drivers.errors import DriverError
 from drivers.names import Shown
 from drivers.recording import RecordingWriter, open_recording
-from service.capture.rig import configured_calibration
+from service.capture.configured import configured_calibration
 from service.config.sections import CameraSection, FusionSection
 from service.errors import ServiceError
 from service.files import made_directory

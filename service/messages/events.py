@@ -143,7 +143,7 @@ class StateChanged(Event):
 
 @dataclass(frozen=True, eq=False)
 class StatusTold(Event):
-    """The status, once a second."""
+    """The status, once a second and after a change of state."""
 
     status: Status
     patient: ClassVar[bool] = False

@@ -53,12 +53,29 @@ class Rates(_Part):
     fused: float = Field(0.0, ge=0, description="Maps per second.")
 
 
-class FusionState(_Part):
-    """The process that fuses."""
+class ClusterState(_Part):
+    """The cluster that bursts are sent to."""
 
+    address: str = Field("", description="Of its scheduler.")
+    workers: int = Field(0, ge=0, description="Workers that fuse for this service; 0 = it is not in use.")
+    fused: int = Field(0, ge=0, description="Maps that came from it.")
+    returned: int = Field(
+        0, ge=0, description="Bursts that it was given and did not fuse; they were fused here again."
+    )
+    error: str | None = Field(None, description="Why it is not in use; none = it is, or is being asked.")
+
+
+class FusionState(_Part):
+    """Who fuses."""
+
+    executor: Literal["local", "cluster"] | str = Field(
+        "local", description="Who fuses the next burst; frames of a stream are fused locally in any case."
+    )
+    cluster: ClusterState | None = Field(None, description="None = none is configured.")
     backlog: int = Field(0, ge=0, description="Bursts, or frames of a stream, that wait.")
-    restarts: int = Field(0, ge=0, description="Times that the process had to be started again.")
+    restarts: int = Field(0, ge=0, description="Times that the local process had to be started again.")
     hung: int = Field(0, ge=0, description="Times among them that it did not answer in time.")
+    spare: bool = Field(False, description="Whether a second process stands ready.")
     error: str | None = Field(None, description="Its last fault; none = none, or maps have come since.")
 
 
@@ -158,7 +175,7 @@ class InForce(_Part):
 
 
 class Status(_Part):
-    """How the service is doing; once a second."""
+    """How the service is doing; once a second, and at once after a change of state."""
 
     timestamp: int = Field(0, description="When this was true, ns since the epoch.")
     version: str = Field("unknown", description="Version of the software.")

@@ -41,6 +41,11 @@ def _families(status: Status) -> Iterator[Metric]:
     yield _labelled("lidarboost_dropped", "What was lost, by cause.", ("cause",), drops, counts=True)
     yield _gauge("lidarboost_fusion_waiting", "Bursts, or frames of a stream, that wait.", fusion.backlog)
     yield _counter("lidarboost_fusion_restarts", "Times that its process was started again.", fusion.restarts)
+    if (cluster := fusion.cluster) is not None:
+        yield _gauge("lidarboost_cluster_workers", "That fuse; 0 = it is not in use.", cluster.workers)
+        yield _counter("lidarboost_cluster_maps", "Maps that came from it.", cluster.fused)
+        text = "Bursts that it did not fuse, which were fused here."
+        yield _counter("lidarboost_cluster_returned", text, cluster.returned)
     if status.latency is not None:
         yield _gauge("lidarboost_latency_seconds", "From the last exposure to its map.", status.latency)
     hands = {(one.who, one.topic): one.latency for one in status.subscribers}

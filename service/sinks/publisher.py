@@ -18,6 +18,7 @@ from service.messages.topics import ALIVE, TOPICS, Congestion, Topic
 from service.messages.viewing import ON_DEMAND
 from service.sinks.sink import Room, Sink
 from service.wire.addresses import DEFAULT_PREFIX
+from service.wire.declarations import lasting_publisher, withdraw
 from service.wire.encoding import encoding
 from service.wire.receipts import Receipts
 from service.wire.sockets import bytes_under_way, is_tcp, ports_of
@@ -82,9 +83,8 @@ class Publisher(Sink):
 
     def open(self) -> None:
         published = [topic for topic in TOPICS.values() if topic.congestion is not Congestion.NONE]
-        self._publishers = {topic.name: self._declare(topic) for topic in published}
+        self._publishers = {topic.name: self._publisher(topic) for topic in published}
         self._declared = [self._answer(topic) for topic in published if topic.latest]
-        self._declared += self._publishers.values()
         self._receipts = Receipts(self._session, self._prefix)
         self._declared.append(self._session.liveliness().declare_token(self.key(ALIVE)))
 
@@ -101,16 +101,16 @@ class Publisher(Sink):
             self._publish_on_demand(event)
 
     def close(self) -> None:
-        """Hand over what was published, then withdraw everything declared."""
+        """Hand over what was published, then withdraw what was declared, but for publishers, which stay."""
         timeout = _HANDOVER if self._lossless else _HANDOVER_LIVE
         if self._declared and not self.drain(timeout):
             self._undelivered = True
             _log.warning("a subscriber did not take everything in time; what it missed is lost")
         if self._receipts is not None:
-            self._receipts.close()
+            self._declared.append(self._receipts)
             self._receipts = None
-        while self._declared:
-            self._declared.pop(0).undeclare()
+        declared, self._declared = self._declared, []
+        withdraw(declared)
 
     @property
     def losses(self) -> tuple[str, ...]:
@@ -176,6 +176,9 @@ class Publisher(Sink):
     def _put(self, publisher: Any, message: Message) -> None:
         publisher.put(message.payload, encoding=encoding(message))
         self.published += 1
+
+    def _publisher(self, topic: Topic) -> Any:
+        return lasting_publisher(self._session, self.key(topic.name), lambda: self._declare(topic))
 
     def _declare(self, topic: Topic) -> Any:
         # Live, nothing waits for a link that is full: it would hold up all other subscribers.

@@ -9,6 +9,7 @@ import zenoh
 from drivers.messages import Schema
 from service.allowance import Allowance
 from service.wire.addresses import MANIFEST, SCHEMA
+from service.wire.declarations import withdraw
 
 _PER_SECOND, _BURST = 50.0, 200.0
 """Answers that are given, in the long run and at once; beyond that a query stays without one."""
@@ -45,8 +46,7 @@ class Answers:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for queryable in self._declared:
-            queryable.undeclare()  # type: ignore[no-untyped-call]
+        withdraw(self._declared)
 
     def _answer_manifest(self, query: zenoh.Query) -> None:
         with query:

@@ -13,6 +13,7 @@ from drivers.messages import Message
 from drivers.names import shown
 from service.allowance import Allowance
 from service.errors import CommandError, InvalidArgumentError, UnavailableError
+from service.wire.declarations import withdraw
 from service.wire.encoding import Octets, encoding
 from service.wire.pending import Pending
 
@@ -114,8 +115,7 @@ class Queries:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for queryable in self._declared:
-            queryable.undeclare()
+        withdraw(self._declared)
         for request in self._pending.close():
             request.refuse(UnavailableError("the service ends"))
         self._thread.join(1.0)

@@ -44,7 +44,7 @@ class Receipts:
         self._allowance = Allowance(_PER_SECOND, _BURST)
         self._declared = session.declare_subscriber(f"{prefix}/{RECEIPT}/*", self._arrived)
 
-    def close(self) -> None:
+    def undeclare(self) -> None:
         """Take no more."""
         self._declared.undeclare()  # type: ignore[no-untyped-call]
 

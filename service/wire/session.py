@@ -6,14 +6,14 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from threading import Thread
 from typing import Literal
 
 import zenoh
 
 from service.errors import SessionError
-from service.leaving import leave_behind
+from service.leaving import within
 from service.wire.addresses import DEFAULT_ENDPOINT
+from service.wire.declarations import drop_publishers
 from service.wire.links import address_of
 from service.wire.sockets import holder
 from service.wire.zenoh_file import ZenohFile, brief
@@ -72,24 +72,23 @@ def open_session(
         session = zenoh.open(config)
     except zenoh.ZError as error:
         raise SessionError(_explain(str(error), config)) from error
+    zid = str(session.info.zid())
     try:
         yield session
     finally:
-        _close(session)
+        _close(session, zid)
 
 
-def _close(session: zenoh.Session) -> None:
+def _close(session: zenoh.Session, zid: str) -> None:
     """Close it; a subscriber that stopped reading holds that up for Zenoh's own 10 s, and is left behind."""
 
     def close() -> None:
         with suppress(zenoh.ZError):  # not in time: then it is said below
             session.close()  # type: ignore[no-untyped-call]
 
-    closing = Thread(target=close, name="closing", daemon=True)
-    closing.start()
-    closing.join(_CLOSING)
-    if closing.is_alive():
-        leave_behind(closing)
+    if within(_CLOSING, close, "closing"):
+        drop_publishers(zid)
+    else:
         _log.warning("the Zenoh session did not close in %g s: a subscriber has stopped reading", _CLOSING)
 
 

@@ -8,10 +8,10 @@ CVPR 2009. The whole image is solved at once; W_k is sparse (one fused pixel und
 
 import numpy as np
 
-from solver.fill import smoothed
 from solver.padding import cropped
 from solver.prior import Prior
 from solver.problem import Problem, Solution
+from solver.pyramid import coarse_start
 from solver.result import Progress
 from solver.reweighting import Unit, minimise_reweighted, resume
 from solver.sampling import SparseTerm, sample
@@ -43,7 +43,9 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         outcome, trail = minimise_reweighted(
             term,
             prior,
-            lambda: smoothed(mean, samples.weight, problem.options.upsampling)[None],
+            lambda: coarse_start(
+                mean, samples.weight, problem.options.upsampling, prior, problem.options.tolerance
+            )[None],
             None,
             unit=unit,
             options=problem.options,

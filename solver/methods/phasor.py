@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import FusionInputError
-from solver.factored import MODEL, SCHEDULE, Factored, Step, schedule
+from solver.factored import MODEL, SCHEDULE, Factored, Step
 from solver.footprint import AreaTerm
 from solver.kernels import phasor as phasors
 from solver.kernels import team
@@ -31,9 +31,11 @@ _LOST = 3.0
 """A distance is lost where what a low-resolution pixel's samples say of it deviates by over a third of a
 radian, by |Z| itself or by the mean of Z over two pixels: noise has a length, but no direction."""
 
-_RENEWED = schedule(7, 5, 11)
+_RENEWED = SCHEDULE[:-1]
 """Of a stream that is prepared anew, which starts from the data too: edges that a map of other frames has
-found elsewhere hold out against sharp steps, for a fifth more mean absolute error."""
+found elsewhere hold out against sharp steps, for a fifth more mean absolute error. With a third fewer rounds,
+in fewer steps, a growing window's maps have up to 15 % more than those of `fuse`. The last step's rounds are
+those of the maps that follow."""
 
 _FOLLOWED, _CHANGED = (Step(1.0, 2),), SCHEDULE[4::2]
 """After an exchange of one frame, and of more, where the scene has changed; from the map before."""

@@ -21,9 +21,10 @@ config = zenoh.Config.from_json5(
 )
 asked = [("cmd/" + name, json.dumps({"action": "get"})) for name in ("settings", "plan", "fusion", "replay")]
 asked += [("cmd/record", json.dumps({"action": "list"})), ("manifest", None)]
-taken = []
+taken, end = [], time.monotonic() + 120
 with zenoh.open(config) as session:
     while True:
+        assert time.monotonic() < end, "no service, or no map of it, within two minutes"
         status = list(session.get("lidarboost/rig/status", timeout=1.0))
         told = json.loads(status[0].ok.payload.to_bytes()) if status and status[0].ok else {}
         if told and (told["state"] == "idle" or told["totals"]["fused"] >= 3):
@@ -48,21 +49,21 @@ import drivers.simulated
 from drivers.errors import DeviceTimeoutError
 class StuckCamera(drivers.simulated.SimulatedCamera):
     def _grab(self, timeout):
-        if Path(sys.argv[-1]).exists():
+        if Path(flag).exists():
             time.sleep(timeout)
             raise DeviceTimeoutError("no frame came")
         return super()._grab(timeout)
-flag = sys.argv[-1]
+flag = sys.argv.pop()
 drivers.simulated.SimulatedCamera = StuckCamera
-from service.cli.run import run
-run(Path(sys.argv[1]), None, None, False, False, False, None, True)
+from service.entry import main
+main()
 """
 
 
 def answers(config: Path, endpoint: str, root: Path, *, stuck: bool = False) -> list[float]:
     """Seconds that each command took, while the service of that configuration works."""
     flag = config.with_name("stuck")
-    serve = [sys.executable, "-c", STUCK, str(config), str(flag)]
+    serve = [sys.executable, "-c", STUCK, "run", str(config), "--json", str(flag)]
     ask = [sys.executable, "-c", ASKING, endpoint, str(COMMANDS)]
     service = subprocess.Popen(serve, cwd=root, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:

@@ -4,7 +4,8 @@
 
 Each row runs the command `lidarboost run` as a user would, with a subscriber in a process of its own:
 
-- stream: a simulated camera at 4.75 ms (50 frames/s), recording raw frames; frames lost, maps per second;
+- stream: a simulated camera at 4.75 ms (50 frames/s), recording raw frames; frames lost, maps per second once
+  the window has been full twice, and how long the first map and that took;
 - scan: bursts of 15 frames at 5 ms, recording; from the last exposure to the map decoded by the subscriber,
   what of that is not the solver's, and whether the fusion keeps up;
 - once: a long recording as fast as it goes, with and without pictures, in times real time;
@@ -17,81 +18,18 @@ Run it on an idle machine; targets are in the heads of the columns.
 import argparse
 import json
 import os
-import signal
-import socket
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
-from typing import Any
 
 from commanded import answers, told
+from served import LIDARBOOST, ROOT, rig, served
 
-ROOT = Path(__file__).parents[2]
-LIDARBOOST = (sys.executable, "-m", "lidarboost")
-
-SUBSCRIBER = """
-import json, sys, time
-from lidarboost import Client
-ends, seen, last = {}, {}, {}
-with Client(sys.argv[1]) as rig:
-    def framed(message):
-        fields = message.value
-        if fields["burst"] is not None:
-            half = 2e9 * (fields["integration_time"] or 0.0)
-            ends[fields["burst"]] = max(ends.get(fields["burst"], 0), fields["timestamp"] + half)
-    def mapped(message):
-        seen[message.timestamp] = time.time_ns()
-    def reported(message):
-        last.update(message.value)
-        report = message.value
-        at = seen.get(report["timestamp"])
-        end = ends.get(report["burst"])
-        if at is not None and end is not None:
-            solver = report["seconds"]["registration"] + report["seconds"]["solve"]
-            print(json.dumps([(at - end) / 1e9, solver]), flush=True)
-    rig.subscribe("camera/frame", framed)
-    rig.subscribe("fused/depth", mapped)
-    rig.subscribe("fused/report", reported)
-    print("ready", flush=True)
-    sys.stdin.read()
-"""
-
-
-@contextmanager
-def rig(folder: Path, *lines: str) -> Iterator[tuple[str, Path]]:
-    """An endpoint, and a configuration with these lines."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-    (folder / "zenoh.json5").write_text(json.dumps({"listen": {"endpoints": [endpoint]}}))
-    config = folder / "rig.toml"
-    config.write_text("\n".join([*lines, "[zenoh]", f'config = "{folder / "zenoh.json5"}"', ""]))
-    yield endpoint, config
-
-
-def served(folder: Path, seconds: float, *lines: str) -> tuple[dict[str, Any], list[list[float]]]:
-    """Run a daemon for so long; its summary, and what the subscriber saw: [latency, solver's seconds]."""
-    with rig(folder, *lines) as (endpoint, config):
-        command = [*LIDARBOOST, "run", str(config), "--json"]
-        subscribe = [sys.executable, "-c", SUBSCRIBER, endpoint]
-        with (
-            subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as service,
-            subprocess.Popen(
-                subscribe, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-            ) as subscriber,
-        ):
-            assert subscriber.stdout is not None
-            assert subscriber.stdout.readline() == "ready\n"
-            time.sleep(seconds)
-            service.send_signal(signal.SIGTERM)
-            said, _ = service.communicate(timeout=60)
-            heard, _ = subscriber.communicate("")
-    return json.loads(said), [json.loads(line) for line in heard.splitlines()]
+WARM = 30
+"""Maps until the window of a stream has been full twice: its first frames are solved from nothing."""
 
 
 CAMERA = ("[camera]", 'backend = "simulated"', "[camera.settings]")
@@ -99,7 +37,7 @@ CAMERA = ("[camera]", 'backend = "simulated"', "[camera.settings]")
 
 def stream(folder: Path, seconds: float) -> Iterator[str]:
     """A map for every frame, as fast as it goes."""
-    summary, _ = served(
+    summary, heard = served(
         folder,
         seconds,
         'start = "stream"',
@@ -112,10 +50,15 @@ def stream(folder: Path, seconds: float) -> Iterator[str]:
         "maps = false",
         f'directory = "{folder / "kept"}"',
     )
-    rate = summary["maps"] / summary["seconds"]
+    warm = heard[WARM:]
+    rate = (len(warm) - 1) / (warm[-1].at - warm[0].at) if len(warm) > 1 else 0.0
+    solver = median(one.solver for one in warm) if warm else 0.0
     yield (
         f"stream lidarboost: {summary['frames']} frames, {summary['dropped_frames']} lost before the fusion "
-        f"(0), {rate:.1f} maps/s over the whole run (20), lost: {summary['lost'] or 'nothing'}"
+        f"(0), {rate:.1f} maps/s (20), solver {1e3 * solver:.0f} ms a map; "
+        f"first map after {heard[0].at:.1f} s, "
+        f"{WARM} maps after {heard[min(WARM, len(heard)) - 1].at:.1f} s; "
+        f"lost: {summary['lost'] or 'nothing'}"
     )
 
 
@@ -138,9 +81,11 @@ def scan(folder: Path, seconds: float) -> Iterator[str]:
             "enabled = true",
             f'directory = "{place / "kept"}"',
         )
-        late, solver = (median(row[place] for row in heard) for place in (0, 1)) if heard else (0.0, 0.0)
+        late = median(one.late for one in heard if one.late is not None)
+        solver = median(one.solver for one in heard)
         yield (
-            f"scan {method}: {summary['maps']} of {summary['bursts']} bursts fused; last exposure to map "
+            f"scan {method}: {summary['maps']} of {summary['bursts']} bursts fused, a map every "
+            f"{(heard[-1].at - heard[0].at) / (len(heard) - 1):.2f} s; last exposure to map "
             f"decoded {late:.3f} s ({target}), of which solver {solver:.3f} s, "
             f"service {late - solver:.3f} s (0.05)"
         )

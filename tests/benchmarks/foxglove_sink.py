@@ -27,6 +27,7 @@ from service.messages.burst import Burst  # noqa: E402
 from service.messages.encoding import event_messages  # noqa: E402
 from service.messages.events import Event, FrameCaptured, MapFused  # noqa: E402
 from service.sinks.foxglove import Foxglove  # noqa: E402
+from service.sinks.sink import Sink  # noqa: E402
 
 MAPS, FRAMES = 20, 50
 SHOWN = ("/fused/depth_mm", "/fused/points", "/fused/calibration", "/fused/transform", "/camera/amplitude")
@@ -73,7 +74,7 @@ def anew(event: Event, number: int) -> Event:
     return made
 
 
-def feed(sink: Foxglove, of_map: MapFused, seconds: float) -> float:
+def feed(sink: Sink, of_map: MapFused, seconds: float) -> float:
     """Processor seconds per second that the sink costs: of this process, without what is done for others."""
     frame = FrameCaptured(of_map.map.frame, of_map.map.calibration.mount)
     began, others, number = time.monotonic(), 0.0, 0

@@ -8,7 +8,6 @@ extra `bench`. Run it on an idle machine; every time is the least of three, afte
 
 import argparse
 import ctypes
-import json
 import time
 import warnings
 from dataclasses import asdict, dataclass
@@ -20,6 +19,7 @@ import cv2
 import numba
 import numpy as np
 from patches import compare_patches
+from stored import store
 
 from solver import Fused, FusionOptions, FusionWarning, fuse
 from solver.evaluation import DepthMap, Trial, make_trial, procedural_object
@@ -228,12 +228,12 @@ def main() -> None:
     for reference in references:
         print("\n" + reference.text)
     if chosen.json:
-        everything = {
-            "bandwidth": bandwidth,
-            "rows": [asdict(row) for row in rows],
-            "patches": [asdict(reference) for reference in references],
-        }
-        chosen.json.write_text(json.dumps(everything, indent=2))
+        store(
+            chosen.json,
+            bandwidth=bandwidth,
+            rows=[asdict(row) for row in rows],
+            patches=[asdict(reference) for reference in references],
+        )
 
 
 if __name__ == "__main__":

@@ -67,12 +67,13 @@ class Bench:
         return self.unit.plug
 
     def worker_killed(self) -> Broken:
+        self.rig.wait(lambda told: told["fusion"]["spare"], 300)
         os.kill(self.worker, signal.SIGKILL)
         return lambda: None
 
     def worker_stopped(self) -> Broken:
         """The cause is gone once the one that hangs is given up."""
-        restarts = self.rig.status["fusion"]["restarts"]
+        restarts = self.rig.wait(lambda told: told["fusion"]["spare"], 300)["fusion"]["restarts"]
         os.kill(self.worker, signal.SIGSTOP)
         self.rig.wait(lambda told: told["fusion"]["restarts"] > restarts)
         return lambda: None
@@ -102,10 +103,9 @@ class Bench:
         pid = self.rig.process.pid
         threads = Path(f"/proc/{pid}/task").iterdir()
         children = {int(one) for thread in threads for one in (thread / "children").read_text().split()}
-        [found] = {
+        return min(  # the spare one is younger
             one for one in children if b"fusion.answering" in Path(f"/proc/{one}/cmdline").read_bytes()
-        }
-        return found
+        )
 
     def normal(self, since: float) -> float:
         """Seconds until another map has come and all is well."""

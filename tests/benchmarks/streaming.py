@@ -1,10 +1,11 @@
-"""How many maps a stream gives per second: `python tests/benchmarks/streaming.py [--window 15] [--maps 64]`.
+"""How many maps a stream gives per second.
 
-A simulated rig takes one frame after another at poses of its own; `SlidingFusion` registers each with those
-before it from the stage's angles and fuses the last window. The first two windows are not counted: in the
-first one data are few, and in the second one arrays grow. Now and then all passes run (see `solver.window`);
-the rate counts them, and the longest map is one of them. The errors are those of all counted maps, and of
-`fuse` on the last window's frames. Run it on an idle machine.
+`python tests/benchmarks/streaming.py [--window 15] [--maps 64] [--json FILE]`: a simulated rig takes one
+frame after another at poses of its own; `SlidingFusion` registers each with those before it from the stage's
+angles and fuses the last window. The first two windows are not counted: in the first one data are few, and in the
+second one arrays grow. Now and then all passes run (see `solver.window`); the rate counts them, and the
+longest map is one of them. The errors are those of all counted maps, and of `fuse` on the last window's
+frames. Run it on an idle machine.
 """
 
 import argparse
@@ -16,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from stored import store
 
 from drivers.poses import relative_rotations
 from drivers.recording import open_recording
@@ -25,6 +27,8 @@ from solver import Fused, FusionOptions, SlidingFusion, fuse
 from solver.options import Method
 
 METHODS: tuple[Method, ...] = ("lidarboost", "area", "phasor")
+
+Row = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +48,7 @@ class Stream:
             path = Path(folder) / "stream.mcap"
             simulate(path, scene=scene, frames=frames, span=15.0 if scene == "wedges" else 30.0)
             recording = open_recording(path)
-            taken = list(recording.frames())
+            taken, truth = list(recording.frames()), recording.truth
         calibration = recording.calibration
         distance, amplitude = stack(taken, calibration)
         known = {
@@ -54,7 +58,7 @@ class Stream:
             "noise": calibration.noise.for_signal(taken[0].integration_time),
         }
         turns = relative_rotations([(f.pan, f.tilt) for f in taken], calibration.mount)
-        return cls(distance, amplitude, turns, known, recording.truth)
+        return cls(distance, amplitude, turns, known, truth)
 
     def error(self, fused: Fused) -> tuple[float, float]:
         """RMS and mean absolute error, metres."""
@@ -62,8 +66,8 @@ class Stream:
         return float(np.sqrt(np.nanmean(wrong**2))), float(np.nanmean(np.abs(wrong)))
 
 
-def measure(stream: Stream, method: Method, window: int) -> str:
-    """A line of the table."""
+def measure(stream: Stream, scene: str, method: Method, window: int) -> Row:
+    """Maps a second, milliseconds of a map, and errors in mm (RMS, mean absolute)."""
     options = FusionOptions(method=method)
     sliding = SlidingFusion(options, window=window, **stream.known)
     taken, errors = [], []
@@ -84,13 +88,25 @@ def measure(stream: Stream, method: Method, window: int) -> str:
     )
     each = np.array(taken)
     registration, iterations = np.median(each[:, 1:], axis=0)
-    errors_text = "  ".join(
-        f"{1e3 * rms:>6.1f} / {1e3 * mean:<6.1f}"
-        for rms, mean in (np.mean(errors, axis=0), stream.error(whole))
-    )
+    return {
+        "scene": scene,
+        "method": method,
+        "rate": 1 / each[:, 0].mean(),
+        "usual": 1e3 * float(np.median(each[:, 0])),
+        "longest": 1e3 * each[:, 0].max(),
+        "registering": 1e3 * registration,
+        "iterations": int(iterations),
+        "stream": [1e3 * float(value) for value in np.mean(errors, axis=0)],
+        "fuse": [1e3 * value for value in stream.error(whole)],
+    }
+
+
+def line(row: Row) -> str:
+    """As the table shows it."""
+    wrong = "  ".join(f"{rms:>6.1f} / {mean:<6.1f}" for rms, mean in (row["stream"], row["fuse"]))
     return (
-        f"{method:<11} {1 / each[:, 0].mean():>6.1f}  {1e3 * np.median(each[:, 0]):>5.0f} "
-        f"{1e3 * each[:, 0].max():>8.0f} {1e3 * registration:>12.0f} {iterations:>11.0f}     {errors_text}"
+        f"{row['method']:<11} {row['rate']:>6.1f}  {row['usual']:>5.0f} {row['longest']:>8.0f} "
+        f"{row['registering']:>12.0f} {row['iterations']:>11.0f}     {wrong}"
     )
 
 
@@ -100,14 +116,19 @@ def main() -> None:
     parser.add_argument("--window", type=int, default=15)
     parser.add_argument("--maps", type=int, default=64, help="maps that are counted")
     parser.add_argument("--method", action="append", choices=METHODS)
+    parser.add_argument("--json", type=Path, help="store it here")
     chosen = parser.parse_args()
+    rows = []
     for scene in ("wedges", "objects"):
         stream = Stream.simulated(scene, 2 * chosen.window + chosen.maps)
         print(f"\n{scene}        a map, ms                                 error RMS / mean, mm")
         print("method      maps/s  usual  longest  registering  iterations  of the stream    of `fuse`")
         for method in chosen.method or METHODS:
             print(f"{method} …", file=sys.stderr)
-            print(measure(stream, method, chosen.window), flush=True)
+            rows.append(measure(stream, scene, method, chosen.window))
+            print(line(rows[-1]), flush=True)
+    if chosen.json:
+        store(chosen.json, rows=rows)
 
 
 if __name__ == "__main__":

@@ -9,8 +9,13 @@ import sys
 import textwrap
 from pathlib import Path
 
+import numpy as np
 import pytest
+import zstandard
 from made_frames import START, assert_same_frame, make_frame
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
+from mcap.writer import Writer
 
 import drivers.recording.output
 from drivers import RecordingError, StateError, StorageError, sr4000_calibration
@@ -251,3 +256,26 @@ def test_recover_refuses_what_holds_nothing_and_its_own_input(tmp_path):
             recover(Recording(tmp_path / name), tmp_path / "x.mcap")
         assert Recording(tmp_path / name).frame_count == 1
     assert not (tmp_path / "y.mcap").exists()
+
+
+def chunks(path):
+    with path.open("rb") as file:
+        return [one for one in StreamReader(file, emit_chunks=True).records if isinstance(one, Chunk)]
+
+
+def test_chunks_are_compressed_fast_and_those_of_other_writers_as_ever(tmp_path):
+    noise = np.random.default_rng(0).normal(2.0, 0.01, (200, 200)).astype(np.float32)
+    message = image_message("camera/distance", noise, "32FC1", timestamp=START)
+    with RecordingWriter(tmp_path / "ours.mcap") as writer:
+        writer.write(message, START)
+    with (tmp_path / "theirs.mcap").open("wb") as file:
+        other = Writer(file)
+        other.start()
+        channel = other.register_channel("noise", "", other.register_schema("", "", b""))
+        other.add_message(channel, START, message.payload, START)
+        other.finish()
+    for name, level in (("ours", 1), ("theirs", 3)):
+        (chunk,) = chunks(tmp_path / f"{name}.mcap")
+        raw = zstandard.decompress(chunk.data)
+        assert chunk.data == zstandard.compress(raw, level)
+        assert chunk.data != zstandard.compress(raw, 4 - level)

@@ -13,7 +13,7 @@ from drivers import sr3000_calibration
 from drivers.calibration import Mount
 from drivers.messages import calibration_message, decode_image, frame_messages
 from drivers.recording import open_recording
-from service.capture.rig import make_rig
+from service.capture.configured import make_rig
 from service.config.file import load
 from service.daemon.run import run_service
 

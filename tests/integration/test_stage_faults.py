@@ -16,10 +16,10 @@ import pytest
 
 from drivers.mesasr import library
 from drivers.usb import discovery
+from service.capture.configured import make_rig
 from service.capture.control import Control
 from service.capture.grabber import Grabber
 from service.capture.motion import Operator
-from service.capture.rig import make_rig
 from service.capture.scan import ScanBursts
 from service.capture.series import Capture
 from service.config.sections import CameraSection, Configuration, PlanSection, StageSection

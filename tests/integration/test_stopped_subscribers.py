@@ -9,8 +9,18 @@ from daemons import daemon, ear, reader
 
 pytestmark = pytest.mark.faults
 
-GAP, STOP = 4.5, 9.0
+GAP, STOP = 4.5, 6.0
 """Seconds: a stuck link that others wait for costs 5, and at the end 10; without a load it is 0.3, and 2."""
+
+
+@pytest.mark.parametrize("seconds", [10.5, 11.5, 12.0, 12.5])
+def test_it_ends_in_time_while_zenoh_gives_a_stopped_subscriber_up(tmp_path: Path, seconds: float) -> None:
+    with daemon(tmp_path) as service, reader(service.endpoint) as stopped:
+        assert stopped.stdout is not None
+        assert stopped.stdout.readline() == b"map\n"
+        stopped.send_signal(signal.SIGSTOP)
+        time.sleep(seconds)  # what is withdrawn then blocks for up to ten seconds
+        assert service.stop() < STOP, service.log
 
 
 def test_a_stopped_subscriber_holds_up_neither_others_nor_the_end(tmp_path: Path) -> None:

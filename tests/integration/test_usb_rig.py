@@ -16,7 +16,7 @@ from drivers.mesasr import library
 from drivers.messages import decode_image
 from drivers.recording import open_recording
 from drivers.usb import discovery
-from service.capture.rig import make_rig
+from service.capture.configured import make_rig
 from service.config.file import load
 from service.daemon.run import run_service
 from service.messages.events import FrameCaptured, MapFused

@@ -26,12 +26,15 @@ class DaskCluster:
     def __init__(self, folder: Path) -> None:
         self._folder, self._file = folder, folder / "scheduler.json"
         self.processes: list[Process] = []
-        self.scheduler = self._start(
-            "dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", self._file
-        )
-        until(self._file.exists)
-        until(lambda: self._file.stat().st_size > 0)
+        self.start_scheduler("0")
+        until(lambda: self._file.exists() and self._file.stat().st_size > 0)
         self.address: str = json.loads(self._file.read_text())["address"]
+
+    def start_scheduler(self, port: str | None = None) -> None:
+        """The scheduler; without a port where the former one was."""
+        port = self.address.rpartition(":")[2] if port is None else port
+        place = ("--host", "127.0.0.1", "--port", port, "--no-dashboard")
+        self.scheduler = self._start("dask_scheduler", *place, "--scheduler-file", self._file)
 
     def start_worker(self, path: Path = ROOT) -> Process:
         """One more, with one thread; `path` goes before the source tree."""
@@ -51,12 +54,12 @@ class DaskCluster:
 
 
 @contextmanager
-def dask_cluster(folder: Path, workers: int) -> Iterator[DaskCluster]:
+def dask_cluster(folder: Path, workers: int, path: Path = ROOT) -> Iterator[DaskCluster]:
     folder.mkdir()
     cluster = DaskCluster(folder)
     try:
         for _ in range(workers):
-            cluster.start_worker()
+            cluster.start_worker(path)
         if workers:
             until(lambda: (folder / "0.log").read_text().count("Register worker") == workers)
         yield cluster

@@ -5,15 +5,13 @@ import re
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 from commanding import configuration, running, stranger
-from scripted import ScriptedCamera, ScriptedStage, frame
+from scripted import ScriptedCamera, ScriptedStage
 
 from drivers.clock import VirtualClock
 from service.capture.rig import Rig
 from service.messages.events import BurstCaptured, Commanded, HeadChanged, MapFused, ScanProgressed
-from service.planning.check import exposure_of
 
 
 class HastyClock(VirtualClock):
@@ -206,76 +204,6 @@ def test_where_the_stage_is_can_be_asked_in_a_pause(tmp_path: Path, endpoint: st
         assert reply["pan_limits"] == [-1.0, 1.0]
 
 
-@pytest.mark.parametrize(
-    ("payload", "code", "said"),
-    [
-        ("", "INVALID_ARGUMENT", "not JSON"),
-        ("[" * 100_000, "INVALID_ARGUMENT", "not JSON"),
-        ('{"action": "set", "integration_time": NaN}', "INVALID_ARGUMENT", "not JSON"),
-        ("[]", "INVALID_ARGUMENT", 'expected {"action": …} with one of get, set; got []'),
-        ('{"action": "wipe"}', "INVALID_ARGUMENT", "one of get, set; got 'wipe'"),
-        ('{"action": {"a": 1}}', "INVALID_ARGUMENT", "one of get, set"),
-        ('{"action": "get", "all": 1}', "INVALID_ARGUMENT", "unknown field 'all' (known: none)"),
-        (
-            '{"action": "set", "colour": 1}',
-            "INVALID_ARGUMENT",
-            "unknown field 'colour' (known: integration_time",
-        ),
-        ('{"action": "set", "integration_time": "1"}', "INVALID_ARGUMENT", "integration_time = '1'"),
-        ('{"action": "set", "integration_time": 9}', "OUT_OF_RANGE", "less than or equal to 0.1"),
-        ('{"action": "set", "integration_time": 1e999}', "OUT_OF_RANGE", "integration_time"),
-        ('{"action": "set", "frame_rate": -1}', "OUT_OF_RANGE", "frame_rate = -1"),
-        ('{"action": "set", "frame_rate": "1"}', "INVALID_ARGUMENT", "frame_rate = '1'"),
-    ],
-)
-def test_what_is_not_understood_is_refused_with_what_is_allowed(payload: str, code: str, said: str) -> None:
-    from service.daemon.commands import commands
-    from service.errors import CommandError
-
-    with pytest.raises(CommandError) as caught:
-        commands()["cmd/settings"].read(payload.encode())
-    assert caught.value.code == code
-    assert said in str(caught.value)
-    assert len(str(caught.value)) < 1000
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("name", "payload", "code", "said"),
-    [
-        (
-            "cmd/fusion",
-            {"action": "set", "regularization": -1},
-            "OUT_OF_RANGE",
-            "cmd/fusion set: regularization = -1: Input should be greater than 0 (λ",
-        ),
-        (
-            "cmd/record",
-            {"action": "fetch"},
-            "INVALID_ARGUMENT",
-            "cmd/record fetch: 'file' is missing (In the recording folder.)",
-        ),
-        (
-            "cmd/replay",
-            {"action": "seek"},
-            "INVALID_ARGUMENT",
-            "cmd/replay seek: expected one of seconds, burst and frame",
-        ),
-    ],
-)
-def test_a_refusal_names_the_field_and_what_is_expected(
-    name: str, payload: dict[str, object], code: str, said: str
-) -> None:
-    from service.daemon.commands import commands
-    from service.errors import CommandError
-
-    with pytest.raises(CommandError) as caught:
-        commands()[name].read(json.dumps(payload).encode())
-    assert caught.value.code == code
-    assert str(caught.value).startswith(said)
-    assert "'auto'" not in str(caught.value).split("(")[0]
-
-
 def test_a_newcomer_adds_a_command_in_one_file(
     tmp_path: Path, endpoint: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -299,26 +227,3 @@ def test_a_newcomer_adds_a_command_in_one_file(
             assert far.ask("cmd/beam", action="aim", pan=7)["code"] == "OUT_OF_RANGE"
     finally:
         folder.commands.cache_clear()
-
-
-def test_a_check_tells_what_a_burst_would_give_and_moves_nothing(tmp_path: Path, endpoint: str) -> None:
-    with running(configuration(tmp_path, endpoint), hasty_rig()) as service, stranger(endpoint) as far:
-        check = far.ask("cmd/scan", action="check")["check"]
-        assert service.rig.stage.moves == []
-        assert check["poses"] == 4
-        assert 0.7 < check["seconds"] < 3
-        assert check["coverage"] == 1.0
-        exposure = check["exposure"]
-        assert (exposure["saturated"], exposure["dark"]) == (0.0, 0.0)
-        assert sum(exposure["histogram"]) == 24
-        assert 0 < exposure["noise"] < 0.001
-        assert check["advice"] == []
-        assert service.daemon.grabber.counts.frames == 0
-
-
-def test_a_bad_exposure_is_told_with_advice() -> None:
-    counts = np.full((4, 6), 20_000, np.uint16)
-    amplitude = np.full((4, 6), 2_000, np.uint16)
-    amplitude[0, :3], counts[1:3] = 0xFFFF, 0
-    exposure = exposure_of([frame(0, counts=counts, amplitude=amplitude)] * 2)
-    assert (exposure.saturated, exposure.dark) == (3 / 24, 12 / 24)

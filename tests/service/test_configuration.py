@@ -8,7 +8,7 @@ import pytest
 from drivers import InitialisationError, make_camera, make_stage
 from service.config.file import load
 from service.config.schema import schema
-from service.config.sections import Configuration
+from service.config.sections import Configuration, FusionSettings
 from service.errors import ConfigurationError
 
 
@@ -161,3 +161,16 @@ def test_a_wrong_option_names_the_valid_ones_and_a_value_its_bounds() -> None:
     assert "it knows" not in str(said.value)
     with pytest.raises(InitialisationError, match="it knows: none"):
         make_stage("none", {"port": "x"})
+
+
+def test_a_cluster_needs_its_address_and_is_set_by_no_command(tmp_path: Path) -> None:
+    file = tmp_path / "rig.toml"
+    file.write_text('[fusion]\nexecutor = "cluster"\n')
+    with pytest.raises(ConfigurationError, match="needs the address of its scheduler"):
+        load(file)
+    file.write_text('[fusion]\nexecutor = "cluster"\ncluster = "10.0.0.7"\n')
+    with pytest.raises(ConfigurationError, match="such as tcp://"):
+        load(file)
+    file.write_text('[fusion]\nexecutor = "cluster"\ncluster = "tcp://10.0.0.7:8786"\n')
+    assert load(file).fusion.cluster == "tcp://10.0.0.7:8786"
+    assert {"executor", "cluster"}.isdisjoint(FusionSettings.model_fields)

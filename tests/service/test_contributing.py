@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 from drivers import backends, make_camera, make_stage
 from drivers.clock import VirtualClock
 from drivers.recording import open_recording
-from service.capture.rig import make_rig
+from service.capture.configured import make_rig
 from service.config.file import load
 from service.daemon.run import run_service
 from service.jobs.export import fused_maps

@@ -6,13 +6,22 @@ import socket
 from pathlib import Path
 
 import pytest
+from dask_cluster import dask_cluster
 from typer.testing import CliRunner
 
 from drivers.errors import NotAvailableError
 from drivers.listing import FoundDevice
 from service.cli import app
-from service.config.sections import CameraSection, Configuration, RecordingSection, StageSection, ZenohSection
+from service.config.sections import (
+    CameraSection,
+    Configuration,
+    FusionSection,
+    RecordingSection,
+    StageSection,
+    ZenohSection,
+)
 from service.doctor import host, serial_ports, udev_rules, usb
+from service.doctor.cluster import check_cluster
 from service.doctor.host import check_clock, check_disk, check_zenoh
 from service.doctor.kernels import check_kernels
 from service.doctor.serial_ports import check_serial
@@ -216,3 +225,22 @@ def test_command_says_everything_and_ends_with_the_verdict(tmp_path, monkeypatch
     assert "→ plug the stage in" in done.stdout
     as_json = json.loads(CliRunner().invoke(app, ["doctor", "-c", str(config), "--json"]).stdout)
     assert {"name", "state", "finding", "remedy"} == set(as_json[0])
+
+
+def test_a_cluster_is_looked_at_where_it_is_configured() -> None:
+    assert list(check_cluster(PLAIN)) == []
+    away = FusionSection(executor="cluster", cluster="tcp://127.0.0.1:9")
+    check = only(check_cluster(Configuration(fusion=away)))
+    assert (check.state, "bursts are fused on this machine: tcp://127.0.0.1:9" in check.finding) == (
+        "warning",
+        True,
+    )
+    assert "dask scheduler" in check.remedy
+
+
+@pytest.mark.slow
+def test_a_cluster_that_is_there_is_fine(tmp_path: Path) -> None:
+    with dask_cluster(tmp_path / "dask", 1) as cluster:
+        there = FusionSection(executor="cluster", cluster=cluster.address)
+        check = only(check_cluster(Configuration(fusion=there)))
+    assert (check.state, check.finding) == ("ok", f"{cluster.address}: 1 workers of this version")

@@ -11,7 +11,17 @@ import pytest
 
 from service.errors import ConfigurationError, OutputError
 from service.messages.events import StatusTold
-from service.messages.status import CommandCounts, Drops, InForce, SinkState, Status, Subscriber, Totals
+from service.messages.status import (
+    ClusterState,
+    CommandCounts,
+    Drops,
+    FusionState,
+    InForce,
+    SinkState,
+    Status,
+    Subscriber,
+    Totals,
+)
 from service.sinks.metrics import Metrics
 
 
@@ -56,6 +66,7 @@ def test_the_status_is_there_as_metrics(served: Served) -> None:
         totals=Totals(frames=500, fused=33),
         drops=Drops(camera=7),
         latency=0.25,
+        fusion=FusionState(executor="cluster", cluster=ClusterState(workers=2, fused=30, returned=1)),
         sinks=(SinkState(name="publisher", taken=4, dropped=3),),
         subscribers=(Subscriber(who='ann"\n@x', topic="fused/depth", latency=0.5),),
         commands=CommandCounts(accepted=2, refused={"NOT_FOUND": 4}),
@@ -70,6 +81,9 @@ def test_the_status_is_there_as_metrics(served: Served) -> None:
         "lidarboost_maps_total 33.0",
         'lidarboost_dropped_total{cause="camera"} 7.0',
         "lidarboost_latency_seconds 0.25",
+        "lidarboost_cluster_workers 2.0",
+        "lidarboost_cluster_maps_total 30.0",
+        "lidarboost_cluster_returned_total 1.0",
         'lidarboost_sink_dropped_total{sink="publisher"} 3.0',
         'lidarboost_sink_running{sink="publisher"} 1.0',
         'lidarboost_subscriber_latency_seconds{topic="fused/depth",who="ann\\"\\n@x"} 0.5',

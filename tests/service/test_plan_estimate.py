@@ -67,7 +67,7 @@ def test_camera_on_the_axes_has_no_parallax():
 
 
 def test_a_stage_that_only_pans_gets_a_plan_it_can_run(caplog):
-    from service.capture.rig import make_rig
+    from service.capture.configured import make_rig
     from service.config.sections import CameraSection, Configuration, StageSection
     from service.daemon.modes import planned
 

@@ -51,7 +51,11 @@ def test_what_has_changed_is_in_force_with_the_next_burst_and_what_was_commanded
         far.ask("cmd/fusion", action="set", method="bicubic", fill=1)
         service.wait(lambda: any(event.map.report.method == "bicubic" for event in service.of(MapFused)))
         wanted = changed(
-            settings, plan={"span": 3.0}, zenoh={"prefix": "other/rig"}, camera={"timeout": 5.0}
+            settings,
+            plan={"span": 3.0},
+            fusion={"executor": "cluster", "cluster": "tcp://10.0.0.7:8786"},
+            zenoh={"prefix": "other/rig"},
+            camera={"timeout": 5.0},
         ).model_copy(update={"start": "idle"})
         reload(service, wanted)
         assert daemon.configuration.plan.span == 3.0
@@ -66,7 +70,7 @@ def test_what_has_changed_is_in_force_with_the_next_burst_and_what_was_commanded
     said = next(line for line in caplog.messages if "was reloaded" in line)
     assert "plan.span" in said
     assert "fusion.method" in said
-    assert said.endswith("needs a restart: start, zenoh.prefix")
+    assert said.endswith("needs a restart: start, fusion.executor, fusion.cluster, zenoh.prefix")
 
 
 def test_an_error_changes_nothing_and_says_so(tmp_path: Path, endpoint: str) -> None:

@@ -1,5 +1,6 @@
 import json
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from service.cli.status import _lines
 from service.messages.events import MapFused, StatusTold
 from service.messages.map import FusedMap
 from service.messages.status import (
+    ClusterState,
     CommandCounts,
     Degraded,
     Drops,
@@ -24,6 +26,7 @@ from service.messages.status import (
     Status,
     Totals,
 )
+from service.sinks.publisher import Publisher
 from service.wire.session import open_session
 
 STATUS = Status(
@@ -40,7 +43,14 @@ STATUS = Status(
     totals=Totals(frames=45, bursts=3, fused=2, unconverged=2),
     rates=Rates(frames=7.5, fused=0.5),
     drops=Drops(camera=4, recorded=2),
-    fusion=FusionState(backlog=1, restarts=1, hung=0, error=None),
+    fusion=FusionState(
+        executor="cluster",
+        cluster=ClusterState(address="tcp://10.0.0.7:8786", workers=2, fused=1, returned=1),
+        backlog=1,
+        restarts=1,
+        hung=0,
+        error=None,
+    ),
     latency=0.42,
     recorder=RecorderState(
         recording=True,
@@ -99,12 +109,13 @@ def test_status_says_what_matters(service: str) -> None:
         "up 12 s",
         "recorder: the disk is full, for 5 s; make room",
         "simulation: simulated SR3000",
-        "45, 7.5 per second",
-        "2 of 3 bursts, 0.50 per second, 0.42 s after the last frame, 1 waiting",
+        "45, 3 whole bursts, 7.5 per second",
+        "maps       2, 0.50 per second, 0.42 s after the last frame, 1 waiting",
         "4 camera, 2 recorded",
         "on: a.mcap, 3.0 MB, 5.0 GB free",
         "phasor, λ auto, β 4, 15 frames over 1 pixels, integration 30 ms",
         "7 carried out, refused: 2 OUT_OF_RANGE",
+        "tcp://10.0.0.7:8786: in use, 2 workers, 1 maps, 1 bursts of its fused here",
         "2 not converged; the fusion was restarted 1 times",
         " the cable is loose",
     ):
@@ -119,6 +130,11 @@ def test_status_of_a_stream_and_of_another_version(endpoint: str) -> None:
         _, out, _ = run("status", "--endpoint", endpoint)
     assert "state      streaming for 7 s\n" in out
     assert "maps       8, 0.00 per second" in out
+
+
+def test_a_pause_does_not_pass_for_as_old_as_the_scan() -> None:
+    told = dict(_lines(STATUS.model_copy(update={"paused": True})))
+    assert told["state"] == "scanning for 7 s, paused: bursts by the plan"
 
 
 def test_get_shows_and_saves_every_kind(
@@ -154,6 +170,27 @@ def test_watch_prints_a_line_a_message(service: str) -> None:
     assert "burst 6: 3 of 3 frames; 88 × 72 pixels; nearest; median deviation" in out
     out = run("watch", "--json", "--count", "1", "--endpoint", service)[1]
     assert json.loads(out)["burst"] == 6
+
+
+def test_of_two_rigs_the_one_that_is_named_is_shown(
+    endpoint: str, free_endpoint: Callable[[], str], fused: Callable[[int], FusedMap]
+) -> None:
+    """Both are reached at one endpoint."""
+    with ExitStack() as stack:
+        for number, prefix in enumerate(("hall/left", "hall/right")):
+            here = endpoint if number == 0 else free_endpoint()
+            session = stack.enter_context(open_session([here], connect=[endpoint] if number else []))
+            publisher = Publisher(session, prefix)
+            publisher.open()
+            stack.callback(publisher.close)
+            publisher.take(MapFused(fused(number + 3), None))
+            publisher.take(StatusTold(STATUS.model_copy(update={"model": prefix})))
+            assert publisher.drain()
+        for number, prefix in enumerate(("hall/left", "hall/right")):
+            told = ("--endpoint", endpoint, "--prefix", prefix)
+            assert f"burst {number + 3}: " in run("watch", "--count", "1", *told)[1]
+            assert f"simulation: {prefix}" in run("status", *told)[1]
+            assert json.loads(run("get", "fused/report", *told)[1])["burst"] == number + 3
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from drivers.backends import CAMERAS, STAGES
-from service.capture.rig import check_options
+from service.capture.configured import check_options
 from service.config.file import load
 
 RIGS = sorted((Path(__file__).parents[2] / "deploy" / "rigs").glob("*.toml"))

@@ -270,3 +270,14 @@ def test_a_stream_starts_over_where_the_scene_is_another_one() -> None:
     assert anew.report.used == (8,)
     assert "started over at frame 8" in anew.report.notes[0]
     assert sliding.push(trial.distance[5, ::-1]).report.used == (8, 9)
+
+
+@pytest.mark.parametrize("window", [1, 3])
+def test_frames_of_a_short_window_do_not_drift(window: int) -> None:
+    distance, amplitude, shifts = long_stream(80)
+    sliding = SlidingFusion(FusionOptions(method="shift-and-add"), window=window, ambiguity_range=7.5)
+    found = [sliding.push(frame, light).shifts[-1] for frame, light in zip(distance, amplitude, strict=True)]
+    off = np.array(found) - shifts
+    # One after the other alone they would be as far off as the errors of all before sum up to.
+    assert np.sqrt(np.mean(off[-20:] ** 2)) < 0.05
+    assert np.sqrt(np.mean(off[-20:] ** 2)) < 1.5 * np.sqrt(np.mean(off[1:21] ** 2))

@@ -4,7 +4,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from service.config.sections import FusionSection
+from service.config.sections import FusionSettings
 from service.daemon.desk import Desk
 from service.daemon.renewal import reconfigure
 from service.daemon.verb import Answer, Command, Place, Reply, Verb
@@ -13,7 +13,7 @@ from service.daemon.verb import Answer, Command, Place, Reply, Verb
 class FusionReply(Reply):
     """How frames are fused."""
 
-    fusion: FusionSection = Field(description="What is in force.")
+    fusion: FusionSettings = Field(description="What is in force.")
 
 
 class Get(Verb):
@@ -26,7 +26,7 @@ class Get(Verb):
         return desk.reply(FusionReply, fusion=desk.daemon.configuration.fusion)
 
 
-class Set(Verb, FusionSection):
+class Set(Verb, FusionSettings):
     """Change some of it, from the next burst on; a stream begins anew."""
 
     place: ClassVar[Place] = "burst"

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Iterable
-from contextlib import suppress
 from typing import Any, NamedTuple
 
 import zenoh
@@ -10,6 +9,7 @@ import zenoh.ext
 
 from service.messages.ros.topics import ROS_TOPICS, RosTopic
 from service.messages.ros.types import RosMessage, RosTypes
+from service.wire.declarations import lasting_publisher, withdraw
 from service.wire.ros.names import Node, attachment, data_key, gid
 
 _CDR = zenoh.Encoding("application/cdr")
@@ -66,20 +66,18 @@ class RosNode:
             )
 
     def close(self) -> None:
-        """Withdraw everything."""
-        for publisher in self._publishers.values():
-            with suppress(zenoh.ZError):
-                publisher.token.undeclare()
-                publisher.declared.undeclare()
-        with suppress(zenoh.ZError):
-            self._token.undeclare()  # type: ignore[no-untyped-call]
+        """Leave the graph; publishers stay until the session ends."""
+        withdraw([*(publisher.token for publisher in self._publishers.values()), self._token])
 
     def _declare(self, number: int, topic: RosTopic) -> _Publisher:
         name, type_hash = topic.full(self._namespace), self._types.hash(topic.kind)
         key = data_key(self._domain, name, topic.kind, type_hash)
         token = self.node.publisher_token(number, name, topic.kind, type_hash, topic.latched)
-        if topic.latched:
-            declared: Any = zenoh.ext.declare_advanced_publisher(
+
+        def declare() -> Any:
+            if not topic.latched:
+                return self._session.declare_publisher(key)
+            return zenoh.ext.declare_advanced_publisher(
                 self._session,
                 key,
                 cache=zenoh.ext.CacheConfig(max_samples=1),
@@ -88,8 +86,8 @@ class RosNode:
                     heartbeat=None, sporadic_heartbeat=_MISS_HEARTBEAT
                 ),
             )
-        else:
-            declared = self._session.declare_publisher(key)
+
+        declared = lasting_publisher(self._session, key, declare)
         return _Publisher(
             declared, self._session.liveliness().declare_token(token), gid(token), topic.latched
         )

@@ -12,7 +12,6 @@ seed, no metrology.
 """
 
 import argparse
-import json
 import sys
 import time
 import warnings
@@ -29,6 +28,10 @@ from tuning import TUNING
 from solver import Fused, FusionError, FusionOptions, FusionWarning, fuse
 from solver.options import Method
 from solver.positions import sample_positions
+
+sys.path.append(str(Path(__file__).parents[1]))
+
+from stored import store
 
 METHODS: tuple[Method, ...] = ("nearest", "lidarboost", "area", "phasor")
 BETTER = ("noise/4", "N=60")
@@ -130,7 +133,7 @@ def main() -> None:
     found = experiments(methods, seeds) if wanted else {}
     show(rows, found, methods, set(TUNING))
     if chosen.json:
-        chosen.json.write_text(json.dumps({"rows": rows, "metrology": found}, indent=1))
+        store(chosen.json, rows=rows, metrology=found)
 
 
 if __name__ == "__main__":

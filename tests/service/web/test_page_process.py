@@ -18,8 +18,10 @@ from test_commands import hasty_rig
 from typer.testing import CliRunner
 
 from service.cli import app
-from service.daemon.page import PageKeeper
+from service.config.sections import Configuration
+from service.daemon.page import PageKeeper, kept_page
 from service.daemon.states import States
+from service.errors import ConfigurationError
 
 pytestmark = pytest.mark.slow
 
@@ -166,3 +168,19 @@ def test_a_page_shows_a_rig_and_no_file(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["view", str(tmp_path / "a.mcap"), "--web"])
     assert result.exit_code == 2
     assert "load a recording on its page" in result.stderr
+
+
+def test_what_the_page_needs_is_named_with_the_line_that_installs_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("service.versions.find_spec", lambda name: None if name == "uvicorn" else object())
+    done = CliRunner().invoke(app, ["view", "--web"])
+    assert (done.exit_code, done.stderr) == (
+        2,
+        "error: uvicorn not installed: pip install 'lidarboost[web]'\n",
+    )
+    with (
+        pytest.raises(ConfigurationError, match=r"pip install 'lidarboost\[web\]'"),
+        kept_page(Configuration(), States()),
+    ):
+        pass

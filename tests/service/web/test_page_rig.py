@@ -99,10 +99,26 @@ def test_two_rigs_of_one_name_are_told_apart_from_one(
     router.write_text(json.dumps({"mode": "router", "listen": {"endpoints": [endpoint]}}))
     with open_session(file=router), opened(page) as browser, running(joining("a"), hasty_rig()):
         settled(browser)
-        with running(joining("b"), hasty_rig()):
+        with running(joining("b"), hasty_rig()) as other:
             mixed = browser.told("link", rigs=2)
             assert "zenoh.prefix" in mixed["message"]
+            assert other.daemon is not None
+            states = other.daemon.states
+            other.wait(lambda: any("mixed up" in fault.what for fault in states.degraded))
         browser.told("link", rigs=1)
+
+
+def test_a_page_shows_the_rig_that_is_named(settings: Configuration, endpoint: str) -> None:
+    zenoh = settings.zenoh.model_copy(update={"prefix": "hall/left"})
+    named = settings.model_copy(update={"zenoh": zenoh})
+    with ExitStack() as stack:
+        stack.enter_context(running(named, hasty_rig()))
+        left, right = (
+            stack.enter_context(opened(stack.enter_context(served(endpoint, prefix=prefix))))
+            for prefix in ("hall/left", "hall/right")
+        )
+        right.until(lambda m: m["type"] == "link" and "no rig answers" in m["message"])
+        assert left.told("rig")["manifest"]["model"] == "scripted"
 
 
 @pytest.mark.usefixtures("service")
