@@ -43,7 +43,7 @@ _PHASE, _PHASE_STEP = 0.4, 0.004
 
 _USUALLY = 4
 """β at which κ_φ is as it stands. At half of it an edge of the same length has half as many pairs, and dark
-print came loose: 61 mm RMS on printed stairs in the place of 18. At twice as much nothing is gained."""
+print came loose: 61 mm RMS on printed stairs in the place of 18."""
 
 _CALM = 0.0036
 """Deviation of |Z| where κ are as they stand; they go with its inverse root: measured, half of them are best
