@@ -40,7 +40,7 @@ class Backlog:
         self._lossless = lossless
         self._unfinished: dict[Future[FusedMap], tuple[Job, Done | None]] = {}
         self._changed = Condition()
-        self.fused = self.failed = self.dropped = self.skipped = 0
+        self.fused = self.failed = self.dropped = self.skipped = self.cancelled = 0
 
     def put(
         self,
@@ -85,25 +85,21 @@ class Backlog:
             return self._changed.wait_for(lambda: not self._unfinished, timeout)
 
     def clear(self) -> int:
-        """Cancel what has not begun, and count it; returns how many that were."""
-        return sum(self._give_up(future, job) for future, (job, _) in list(self._unfinished.items()))
+        """Cancel what has not begun, which nobody wants any more; returns how many that were."""
+        count = sum(future.cancel() for future in list(self._unfinished))
+        self.cancelled += count
+        return count
 
     def _drop_oldest(self) -> bool:
         for future, (job, _) in list(self._unfinished.items()):
-            if not _is_awaited(job) and self._give_up(future, job):
-                if isinstance(job, BurstJob):
+            if not _is_awaited(job) and future.cancel():
+                if isinstance(job, FrameJob):
+                    self.skipped += 1
+                else:
+                    self.dropped += 1
                     _log.warning("burst %d dropped: the fusion is slower than the capture", job.number)
                 return True
         return False
-
-    def _give_up(self, future: "Future[FusedMap]", job: Job) -> bool:
-        if not future.cancel():
-            return False
-        if isinstance(job, FrameJob):
-            self.skipped += 1
-        else:
-            self.dropped += 1
-        return True
 
     def _finish(self, future: "Future[FusedMap]") -> None:
         with self._changed:

@@ -121,12 +121,12 @@ def run(start: str, minutes: float, folder: Path) -> bool:
     given = summary.frames if start == "stream" else summary.bursts
     print(
         f"  {given} {'frames' if start == 'stream' else 'bursts'} to be fused: {backlog.fused} fused, "
-        f"{backlog.failed} failed, {backlog.dropped + backlog.skipped} gave way"
+        f"{backlog.failed} failed, {backlog.dropped + backlog.skipped} gave way, {backlog.cancelled} left"
     )
     fine = (
         counts.frames == summary.frames == recorded
         and counts.maps == summary.maps == backlog.fused > 0
-        and given == backlog.fused + backlog.failed + backlog.dropped + backlog.skipped
+        and given == backlog.fused + backlog.failed + backlog.dropped + backlog.skipped + backlog.cancelled
     )
     print(
         "  all accounted for" if fine else f"  NOT accounted for: {counts.frames} frames, {counts.maps} maps"

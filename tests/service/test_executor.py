@@ -233,7 +233,7 @@ def test_live_the_oldest_burst_gives_way_when_the_backlog_is_full() -> None:
     assert backlog.skipped == 4
     assert not backlog.drain(0.0)
     assert backlog.clear() == 1
-    assert (backlog.dropped, backlog.skipped) == (5, 5)
+    assert (backlog.dropped, backlog.skipped, backlog.cancelled) == (5, 4, 1)
     assert backlog.drain(1.0)
 
 
