@@ -14,6 +14,7 @@ from solver.kernels import noise as kernels
 from solver.options import SINGLE, FusionOptions
 from solver.problem import Problem, Solution
 from solver.reason import reasons
+from solver.wrapping import find_cut, unwrapped, wrapped
 
 
 def prepare(
@@ -49,13 +50,25 @@ def prepare(
                 f"every pixel's amplitude is under amplitude_threshold {threshold:g} (highest "
                 f"{np.nanmax(amplitude):g}); lower the threshold or expose longer"
             )
+    cut = 0.0 if ambiguity_range is None else find_cut(distance, sigma, ambiguity_range)
+    distance = unwrapped(distance, cut, ambiguity_range)
     consensus = None
     # Where the noise is not known, nothing says how far is too far.
     if len(distance) >= MAJORITY and noise > 0 and options.method not in SINGLE:
         consensus = Consensus(distance, sigma, positions, ambiguity_range, options.method == "phasor")
         distance = consensus.kept()
     return Problem(
-        distance, amplitude, positions, sigma, noise, ambiguity_range, guide, options, threshold, consensus
+        distance,
+        amplitude,
+        positions,
+        sigma,
+        noise,
+        ambiguity_range,
+        guide,
+        options,
+        threshold,
+        cut,
+        consensus,
     )
 
 
@@ -82,6 +95,7 @@ def exchange(
         problem.amplitude[slot] = amplitude
         lit, sigma = problem.distance[slot], problem.sigma[slot]
         _light(distance, amplitude, problem.noise, problem.threshold, sigma, lit)
+    problem.distance[slot] = unwrapped(problem.distance[slot], problem.cut, problem.ambiguity_range)
     others: list[int] = []
     if problem.consensus is not None:
         problem.consensus.measured[slot] = problem.distance[slot]
@@ -121,7 +135,8 @@ def complete(
             "every pixel is darker than its noise: nothing is known of any distance; expose longer"
         )
     spread = deviation(problem, solution, away, distance)
-    return distance, spread, reasons(problem, distance, away)
+    reason = reasons(problem, distance, away)
+    return wrapped(distance, problem.cut, problem.ambiguity_range), spread, reason
 
 
 def _check(problem: Problem, solution: Solution) -> None:
