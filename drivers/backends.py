@@ -79,7 +79,7 @@ def _backend(name: str, table: Mapping[str, tuple[str, str]], kind: str, base: t
                     f"no {kind} backend is called {name!r}; there are: {', '.join(backend_names(kind))}"
                 )
             found = next(iter(points)).load()
-    except ImportError as error:
+    except (ImportError, AttributeError) as error:
         raise NotAvailableError(f"{kind} backend {name!r} cannot be loaded: {error}") from error
     if not (isinstance(found, type) and issubclass(found, base)):
         raise NotAvailableError(f"{kind} backend {name!r} is not a {base.__name__}: {found!r}")

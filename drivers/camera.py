@@ -63,7 +63,10 @@ class Camera(Device):
         """
         if not self._is_started:
             raise StateError(f"cannot grab from a {type(self).__name__} that is not started: start it first")
-        return self._grab(timeout)
+        frame = self._grab(timeout)
+        if not isinstance(frame, Frame):
+            raise TypeError(f"{type(self).__name__}._grab gave {frame!r}; expected a Frame")
+        return frame
 
     def exposure_start(self, frame: Frame) -> int:
         """The earliest time at which this camera may have begun to expose a frame, ns since the epoch."""

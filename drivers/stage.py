@@ -219,6 +219,8 @@ class Stage(StageHooks):
 
     def _reported(self) -> Position:
         position = self._position()
+        if not isinstance(position, Position):
+            raise TypeError(f"{type(self).__name__}._position gave {position!r}; expected a Position")
         self.limits.check_reported(position, str(self))
         return position
 

@@ -32,6 +32,7 @@ RUN_BY = {
     },
     "CONTRIBUTING.md": {
         "python sink": NEWCOMER,
+        "toml package": NEWCOMER,
         "python camera": NEWCOMER,
         "python stage": NEWCOMER,
         "python method": "tests/service/test_contributing.py: test_a_newcomer_adds_a_method",

@@ -1,6 +1,7 @@
 """One thread of a sink, from its beginning until it ends or is given up."""
 
 import logging
+import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -149,7 +150,9 @@ class Attempt:
     def _fault(self, error: Exception, wait: float) -> None:
         why = str(error) or type(error).__name__
         self._duty.account.fault(why, state="restarting")
-        _log.error("sink %s failed: %s; starting it again in %.1f s", self._duty.name, why, wait)
+        trace = error if os.environ.get("LIDARBOOST_DEBUG") else None
+        message = "sink %s failed: %s; starting it again in %.1f s"
+        _log.error(message, self._duty.name, why, wait, exc_info=trace)
 
     def _retire(self) -> None:
         """Close a sink that failed; what it has written so far is kept."""

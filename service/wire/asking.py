@@ -13,8 +13,12 @@ import zenoh
 from service.errors import COMMAND_ERRORS, CommandError, RemoteError
 from service.messages.decoding import Received, decode
 from service.messages.topics import FUSED_CALIBRATION
+from service.wire.addresses import SCHEMA
 
 _RETRY = 0.05
+
+_NOBODY = 1.0
+"""Seconds without an answer after which it is looked whether the service has such a command at all."""
 
 
 class Answer(dict[str, Any]):
@@ -43,9 +47,11 @@ class Asking:
 
         Raises:
             CommandError: it was refused; of a class of its own for each code.
-            RemoteError: no service, or no answer within `timeout` seconds: it may be carried out yet.
+            RemoteError: no service, no such command, or no answer within `timeout` seconds: it may be carried
+                out yet.
         """
         deadline = time.monotonic() + timeout
+        asked = False
         while (left := deadline - time.monotonic()) > 0:
             replies = self._query(name, request, left)
             if replies and not _ran_out(replies[0]):
@@ -54,11 +60,22 @@ class Asking:
                 raise RemoteError(
                     f"{name}: not done within {timeout:g} s; it may be carried out yet: give it longer"
                 )
+            if not asked and timeout - left > _NOBODY:
+                asked = True
+                self._require_known(name, min(_NOBODY, left))
             time.sleep(min(_RETRY, max(0.0, deadline - time.monotonic())))  # nobody is there yet
         raise RemoteError(
             f"{name}: no service answered at {self._endpoint} within {timeout:g} s; does one run, is its "
             f"prefix {self._prefix!r}, and does it need longer?"
         )
+
+    def _require_known(self, name: str, timeout: float) -> None:
+        """Raise where a service is there and has no such command."""
+        kind = f"{self._prefix}/{SCHEMA}/"
+        replies = self._session.get(f"{kind}cmd/**", timeout=timeout)
+        known = sorted(str(reply.ok.key_expr).removeprefix(kind) for reply in replies if reply.ok is not None)
+        if known and name not in known:
+            raise RemoteError(f"{name}: the service has no such command; it has {', '.join(known)}")
 
     def _query(self, name: str, request: dict[str, Any], timeout: float) -> list[zenoh.Reply]:
         replies = self._session.get(

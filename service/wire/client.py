@@ -84,7 +84,7 @@ class Client:
         self.settings = Section(self.command, "cmd/settings")
         self.plan, self.fusion = Section(self.command, "cmd/plan"), Section(self.command, "cmd/fusion")
 
-    def command(self, name: str, action: str, timeout: float = 60.0, **arguments: Any) -> Answer:
+    def command(self, name: str, /, action: str, timeout: float = 60.0, **arguments: Any) -> Answer:
         """Have any command carried out, and wait until it is.
 
         Args:

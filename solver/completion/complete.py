@@ -8,6 +8,7 @@ from solver.completion.reason import reasons
 from solver.errors import FusionInputError
 from solver.optimisation.fill import reach, smooth
 from solver.preparation.problem import Problem, Solution
+from solver.preparation.wrapping import wrapped
 
 
 def complete(
@@ -17,7 +18,9 @@ def complete(
 
     Raises:
         FusionInputError: no pixel of the map is known.
+        TypeError: the method gave no map of the fused size.
     """
+    _check(problem, solution)
     away = reach(problem.precision > 0)
     known = np.isfinite(solution.distance)
     if known.all():
@@ -30,4 +33,14 @@ def complete(
             "every pixel is darker than its noise: nothing is known of any distance; expose longer"
         )
     spread = deviation(problem, solution, away, distance)
-    return distance, spread, reasons(problem, distance, away)
+    reason = reasons(problem, distance, away)
+    return wrapped(distance, problem.cut, problem.ambiguity_range), spread, reason
+
+
+def _check(problem: Problem, solution: Solution) -> None:
+    for name, image in (("distance", solution.distance), ("amplitude", solution.amplitude)):
+        if image is not None and (image.shape != problem.fused_shape or image.dtype != np.float32):
+            raise TypeError(
+                f"method {problem.options.method!r} gave a {name} of shape {image.shape}, {image.dtype}; "
+                f"expected {problem.fused_shape}, float32"
+            )

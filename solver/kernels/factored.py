@@ -24,9 +24,29 @@ def _phasors(logs, phases, a, b):  # type: ignore[no-untyped-def]
         a[j] *= cosine
 
 
+@njit(fastmath=True)
+def _square(phases, nearest, out):  # type: ignore[no-untyped-def]
+    kind = out.dtype.type
+    turn, part = kind(2 * np.pi), kind(0.5 / np.pi)
+    for j in range(out.size):
+        phase = phases[j] - turn * np.floor((phases[j] - nearest) * part)
+        out[j] = phase * phase
+
+
+@njit(fastmath=True, error_model="numpy")
+def _light(a, b, faint, out):  # type: ignore[no-untyped-def]
+    for j in range(out.size):
+        q = a[j] * a[j] + b[j] * b[j]
+        out[j] = q / (q + faint)
+
+
 @njit(nogil=True, cache=True)
-def advance(rank, size, x, most, least, state, z):  # type: ignore[no-untyped-def]
-    """Move the state by x, at most by `most` (2,), l not below `least`; z ← its phasors; by a team."""
+def advance(rank, size, x, most, least, nearest, faint, state, z, square, lit):  # type: ignore[no-untyped-def]
+    """Move the state by x, at most by `most` (2,), l not below `least`; by a team.
+
+    z ← its phasors; square (rows + 4, columns + 4) ← φ², φ being taken from `nearest` up to a turn more;
+    lit (rows + 4, columns + 4) ← |Z|² / (|Z|² + faint).
+    """
     rows, n, kind = state.shape[1] - 4, state.shape[2] - 4, state.dtype.type
     for row in range(rank * rows // size, (rank + 1) * rows // size):
         i = row + 2
@@ -34,6 +54,8 @@ def advance(rank, size, x, most, least, state, z):  # type: ignore[no-untyped-de
         _bounded(l, view(x, (0, i), 2, n), kind(most[0]), kind(least))
         _bounded(phase, view(x, (1, i), 2, n), kind(most[1]), kind(-np.inf))
         _phasors(l, phase, view(z, (0, i), 2, n), view(z, (1, i), 2, n))
+        _square(phase, kind(nearest), view(square, (i,), 2, n))
+        _light(view(z, (0, i), 2, n), view(z, (1, i), 2, n), kind(faint), view(lit, (i,), 2, n))
 
 
 @njit(fastmath=True, error_model="numpy")

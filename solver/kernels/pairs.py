@@ -5,7 +5,8 @@ of neighbours (see `ROWS`, `COLUMNS`) costs
 
     κ w log(1 + (d / δ)²),    d = their difference, for φ less the slope's part and modulo 2π,
 
-for φ divided by 1 + (Δl / e)²; it lies under ½ W d² + constant with W = 2 κ w / (δ² + d²), so divided.
+for φ times |Z|^¼ and divided by 1 + (Δl / e)²; it lies under ½ W d² + constant with W = 2 κ w / (δ² + d²),
+likewise.
 Strengths W are (4, rows + 4, columns + 4), 0 where a pair leaves the image, and shortened (see
 `kernels.elementary`): a round of conjugate gradients waits for memory, and it does not matter by which
 majorant a step is found.
@@ -43,14 +44,14 @@ def _subtract(here, there, out):  # type: ignore[no-untyped-def]
 
 @njit(fastmath=True, error_model="numpy")
 def _ease(i, k, z, change, ease, faint, out):  # type: ignore[no-untyped-def]
-    """out ← 1 + (Δl / e)², less where the darker one of the two has hardly any light."""
+    """out ← (1 + (Δl / e)²) / |Z|^¼, the first less where the darker one of the two has hardly any light."""
     n, c = out.size, COLUMNS[k]
     a0, b0 = view(z, (0, i + 2), 2, n), view(z, (1, i + 2), 2, n)
     a1, b1 = view(z, (0, i + 2 + ROWS[k]), 2 + c, n), view(z, (1, i + 2 + ROWS[k]), 2 + c, n)
     one = out.dtype.type(1)
     for j in range(n):
         q = min(a0[j] * a0[j] + b0[j] * b0[j], a1[j] * a1[j] + b1[j] * b1[j])
-        out[j] = one + ease * change[j] * change[j] * q / (q + faint)
+        out[j] = (one + ease * change[j] * change[j] * q / (q + faint)) / np.sqrt(np.sqrt(np.sqrt(q)))
 
 
 @njit

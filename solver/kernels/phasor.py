@@ -5,13 +5,13 @@ from numba import njit
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def resolve(rank, size, logs, phases, seen, mean, scale, unit, least):  # type: ignore[no-untyped-def]
-    """In place: log-amplitude → distance, from 0 up to a turn; phase → amplitude; by a team.
+def resolve(rank, size, logs, phases, seen, mean, scale, unit, cut, least):  # type: ignore[no-untyped-def]
+    """In place: log-amplitude → distance, from `cut` up to a turn more; phase → amplitude; by a team.
 
     Args:
         logs, phases, seen: (rows, columns); seen: how many samples see each pixel.
         mean: (2, rows, columns), the mean of the phasors around each.
-        scale: distance by radian; unit: of the amplitude.
+        scale: distance by radian; unit: of the amplitude; cut: in radians.
         least: seen · |Z|² below which the distance is lost, which makes it NaN; for the mean's |Z| too.
     """
     rows, columns = logs.shape
@@ -20,7 +20,7 @@ def resolve(rank, size, logs, phases, seen, mean, scale, unit, least):  # type: 
         x, y, n, a, b = logs[i], phases[i], seen[i], mean[0, i], mean[1, i]
         for j in range(columns):
             length, phase = np.exp(x[j]), y[j]
-            angle = phase - turn * np.floor(phase / turn)
+            angle = phase - turn * np.floor((phase - cut) / turn)
             light = n[j] * min(length * length, a[j] * a[j] + b[j] * b[j])
             x[j] = angle * scale if light >= least else np.float32(np.nan)
             y[j] = length * unit

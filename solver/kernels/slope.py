@@ -1,9 +1,13 @@
-"""The slope of a map, by rows: every pixel's rise, averaged over its surroundings at half the resolution."""
+"""The slope of a map, by rows: every pixel's rise, averaged over its surroundings at half the resolution.
+
+Rises are divided by a `measure` of their own pixel before they are averaged, the mean is multiplied by it.
+"""
 
 import numpy as np
 from numba import njit
 
 from solver.kernels.smoothing import across, along
+from solver.kernels.view import view
 
 
 @njit(fastmath=True)
@@ -13,14 +17,16 @@ def _subtract(a, b, out):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=True, error_model="numpy")
-def _say(down, right, scale, out):  # type: ignore[no-untyped-def]
-    """out ← 1 / (1 + scale · rises²)², rises (C, n)."""
+def _say(down, right, before, i, scale, out):  # type: ignore[no-untyped-def]
+    """out ← 1 / (1 + scale · (rises − those before)²)², rises (C, n), before (C, 2, …, n + 4) at row i."""
     one = out.dtype.type(1)
     out[:] = 0
     for c in range(down.shape[0]):
         a, b = down[c], right[c]
+        p, q = view(before, (c, 0, i), 2, out.size), view(before, (c, 1, i), 2, out.size)
         for j in range(out.size):
-            out[j] += a[j] * a[j] + b[j] * b[j]
+            u, v = a[j] - p[j], b[j] - q[j]
+            out[j] += u * u + v * v
     for j in range(out.size):
         part = one + scale * out[j]
         out[j] = one / (part * part)
@@ -42,14 +48,16 @@ def _pairs(line, out):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, cache=True)
-def votes(rank, size, x, scale, taps, out):  # type: ignore[no-untyped-def]
+def votes(rank, size, x, before, measure, weight, scale, taps, out):  # type: ignore[no-untyped-def]
     """out (1 + 2 C, half rows, half columns) ← each pixel's say, and its rise by row and by column times it.
 
     Sums over 2 × 2 pixels, averaged along rows; by a team.
 
     Args:
         x: (C, rows + 4, columns + 4), padded; the last row and column repeat the rise before them.
-        scale: 1 / edge²; the say is 1 / (1 + scale · rises²)².
+        before: (C, 2, rows + 4, columns + 4), the slope that was found before.
+        measure, weight: (rows + 4, columns + 4).
+        scale: 1 / edge²; the say is weight / (1 + scale · (rises − before)²)².
     """
     channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
     half_rows, half, reach = out.shape[1], out.shape[2], taps.size - 1
@@ -70,8 +78,10 @@ def votes(rank, size, x, scale, taps, out):  # type: ignore[no-untyped-def]
                     _subtract(x[c, i + 3, 2 : 2 + n], x[c, i + 2, 2 : 2 + n], down[c])
                 _subtract(x[c, row + 2, 3 : 2 + n], x[c, row + 2, 2 : 1 + n], right[c, : n - 1])
                 right[c, last:] = right[c, last - 1]
-            _say(down, right, scale, say)
+            _say(down, right, before, row + 2, scale, say)
+            say *= view(weight, (row + 2,), 2, n)
             _vote(say, ones, sums[0])
+            say /= view(measure, (row + 2,), 2, n)
             for c in range(channels):
                 _vote(say, down[c], sums[1 + 2 * c])
                 _vote(say, right[c], sums[2 + 2 * c])
@@ -97,13 +107,13 @@ def _between(a, b, near, line, out):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=True, error_model="numpy")
-def _divide(a, b, tiny, out):  # type: ignore[no-untyped-def]
+def _divide(a, b, tiny, measure, out):  # type: ignore[no-untyped-def]
     for j in range(out.size):
-        out[j] = a[j] / (b[j] + tiny)
+        out[j] = measure[j] * a[j] / (b[j] + tiny)
 
 
 @njit(nogil=True, cache=True)
-def slopes(rank, size, votes, taps, tiny, out):  # type: ignore[no-untyped-def]
+def slopes(rank, size, votes, measure, taps, tiny, out):  # type: ignore[no-untyped-def]
     """out (C, 2, rows + 4, columns + 4) ← the mean rise by row and by column, 0 in the padding; by a team.
 
     Args: votes as `votes` leaves them, still to be averaged across rows; tiny: more than no say at all.
@@ -135,7 +145,7 @@ def slopes(rank, size, votes, taps, tiny, out):  # type: ignore[no-untyped-def]
             for axis in range(2):
                 target = out[c, axis, row + 2]
                 _between(upper[1 + 2 * c + axis], lower[1 + 2 * c + axis], share, line, vote)
-                _divide(vote, total, tiny, target[2 : 2 + n])
+                _divide(vote, total, tiny, view(measure, (row + 2,), 2, n), target[2 : 2 + n])
                 target[:2] = 0
                 target[2 + n :] = 0
     for c in range(channels):

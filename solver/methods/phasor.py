@@ -20,6 +20,7 @@ from solver.optimisation.factored import MODEL, SCHEDULE, Factored, Step
 from solver.optimisation.footprint import AreaTerm
 from solver.optimisation.padding import cropped
 from solver.preparation.problem import Problem, Solution
+from solver.preparation.wrapping import nearest
 from solver.result import Progress
 from solver.runtime import team
 
@@ -50,7 +51,7 @@ frames nothing changes, but telling takes as long as a tenth of the descent."""
 def solve(problem: Problem, *, initial: Solution | None = None, progress: Progress | None = None) -> Solution:
     """Minimise E.
 
-    Distances are given from 0 up to the ambiguity range, NaN where |Z| is lost in its noise.
+    Distances are given from the cut up to an ambiguity range more, NaN where |Z| is lost in its noise.
     """
     if problem.amplitude is None or problem.ambiguity_range is None:
         raise FusionInputError("phasor needs amplitude and ambiguity_range")
@@ -68,6 +69,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
 
 def _begin(problem: Problem) -> Factored:
     assert problem.amplitude is not None
+    assert problem.ambiguity_range is not None
     light = problem.amplitude[np.isfinite(problem.distance)]
     scale = float(np.sqrt(np.mean(np.square(light, dtype=np.float64))))
     factor, options = problem.options.upsampling, problem.options
@@ -76,7 +78,8 @@ def _begin(problem: Problem) -> Factored:
     strength = 1.0 if options.regularization == "auto" else float(options.regularization)
     weight = 1 / ((_component(problem) / scale) ** 2 + MODEL**2)
     noise = float(1 / np.sqrt(weight * len(problem.distance)))
-    return Factored(term, scale, weight, noise, strength, options.neighbourhood)
+    least = _radians(problem, nearest(problem.ambiguity_range, problem.cut))
+    return Factored(term, scale, weight, noise, least, strength, options.neighbourhood)
 
 
 def _follow(problem: Problem, course: Factored) -> Sequence[Step]:
@@ -106,8 +109,12 @@ def _run(
 
 def _component(problem: Problem) -> float:
     """The deviation of either component of a sample, in the amplitude's unit."""
+    return _radians(problem, problem.noise)
+
+
+def _radians(problem: Problem, distance: float) -> float:
     assert problem.ambiguity_range is not None
-    return 2 * np.pi / problem.ambiguity_range * problem.noise
+    return 2 * np.pi / problem.ambiguity_range * distance
 
 
 def _solution(problem: Problem, course: Factored, taken: int, converged: bool, fresh: bool) -> Solution:
@@ -118,7 +125,8 @@ def _solution(problem: Problem, course: Factored, taken: int, converged: bool, f
     least = _LOST * _component(problem) / (course.scale * problem.options.upsampling)
     side = 2 * problem.options.upsampling + 1
     mean = np.stack([cv2.blur(part, (side, side)) for part in cropped(course.z, shape).copy()])
-    units = np.float32(scale), np.float32(course.scale), np.float32(least**2)
+    cut = np.float32(_radians(problem, problem.cut))
+    units = np.float32(scale), np.float32(course.scale), cut, np.float32(least**2)
     team.share(phasors.resolve, distance, amplitude, seen, mean, *units)
     information = cropped(course.information()[None], shape)[0] * np.float32(1 / scale**2)
     return Solution(

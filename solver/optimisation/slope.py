@@ -20,21 +20,36 @@ _TAPS = 3.6
 """Deviations to either side, at least."""
 
 
-def slope(x: NDArray[np.floating], edge: float, reach: float = _REACH) -> NDArray[np.floating]:
+def slope(
+    x: NDArray[np.floating],
+    edge: float,
+    reach: float = _REACH,
+    *,
+    before: NDArray[np.floating] | None = None,
+    measure: NDArray[np.floating] | None = None,
+    weight: NDArray[np.floating] | None = None,
+) -> NDArray[np.floating]:
     """The rise per row and per column of a padded map, averaged over its surroundings.
 
     Args:
         x: (C, rows + 4, columns + 4), padded.
-        edge: gradient from which a pixel is an edge, which has no slope; such pixels take their neighbours'.
+        edge: how far from the slope before a gradient is that of an edge, which has no slope; such pixels
+            take their neighbours'.
         reach: deviation of the Gaussian that averages slopes, fused pixels.
+        before: a slope found before; None = level.
+        measure: (rows + 4, columns + 4), what slopes are averaged in the unit of; None = 1.
+        weight: (rows + 4, columns + 4), of each pixel's say; None = 1.
 
     Returns:
         (C, 2, rows + 4, columns + 4), zero in the padding.
     """
     channels, rows, columns = len(x), x.shape[1] - 4, x.shape[2] - 4
+    before = np.zeros((channels, 2, *x.shape[1:]), x.dtype) if before is None else before
+    measure = np.ones(x.shape[1:], x.dtype) if measure is None else measure
+    weight = np.ones(x.shape[1:], x.dtype) if weight is None else weight
     taps = gaussian(reach / 2, int(np.ceil(_TAPS * reach / 2))).astype(x.dtype)
     votes = np.empty((1 + 2 * channels, (rows + 1) // 2, (columns + 1) // 2), x.dtype)
-    team.share(kernels.votes, x, x.dtype.type(1 / edge**2), taps, votes)
+    team.share(kernels.votes, x, before, measure, weight, x.dtype.type(1 / edge**2), taps, votes)
     out: NDArray[np.floating] = np.empty((channels, 2, *x.shape[1:]), x.dtype)
-    team.share(kernels.slopes, votes, taps, x.dtype.type(np.finfo(np.float32).tiny), out)
+    team.share(kernels.slopes, votes, measure, taps, x.dtype.type(np.finfo(np.float32).tiny), out)
     return out

@@ -11,6 +11,7 @@ from solver.options import SINGLE, FusionOptions
 from solver.preparation import noise as noise_law
 from solver.preparation.consensus import MAJORITY, Consensus
 from solver.preparation.problem import Problem
+from solver.preparation.wrapping import find_cut, unwrapped
 
 
 def prepare(
@@ -46,13 +47,25 @@ def prepare(
                 f"every pixel's amplitude is under amplitude_threshold {threshold:g} (highest "
                 f"{np.nanmax(amplitude):g}); lower the threshold or expose longer"
             )
+    cut = 0.0 if ambiguity_range is None else find_cut(distance, sigma, ambiguity_range)
+    distance = unwrapped(distance, cut, ambiguity_range)
     consensus = None
     # Where the noise is not known, nothing says how far is too far.
     if len(distance) >= MAJORITY and noise > 0 and options.method not in SINGLE:
         consensus = Consensus(distance, sigma, positions, ambiguity_range, options.method == "phasor")
         distance = consensus.kept()
     return Problem(
-        distance, amplitude, positions, sigma, noise, ambiguity_range, guide, options, threshold, consensus
+        distance,
+        amplitude,
+        positions,
+        sigma,
+        noise,
+        ambiguity_range,
+        guide,
+        options,
+        threshold,
+        cut,
+        consensus,
     )
 
 
@@ -79,6 +92,7 @@ def exchange(
         problem.amplitude[slot] = amplitude
         lit, sigma = problem.distance[slot], problem.sigma[slot]
         _light(distance, amplitude, problem.noise, problem.threshold, sigma, lit)
+    problem.distance[slot] = unwrapped(problem.distance[slot], problem.cut, problem.ambiguity_range)
     others: list[int] = []
     if problem.consensus is not None:
         problem.consensus.measured[slot] = problem.distance[slot]

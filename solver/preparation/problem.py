@@ -31,6 +31,7 @@ class Problem:
         guide: (βH, βW) float32 intensity, or None.
         options: the caller's choices, `method` already resolved.
         threshold: the amplitude under which samples were left out; 0 = none were.
+        cut: the distance under which samples lie beyond the range, and were brought there; see `wrapping`.
         consensus: what the frames say together; None where that is not asked, see `preparation.prepare`.
         exchanged: numbers of the frames that alone have changed since it was solved last; empty = all.
     """
@@ -44,6 +45,7 @@ class Problem:
     guide: NDArray[np.float32] | None
     options: FusionOptions
     threshold: float = 0.0
+    cut: float = 0.0
     consensus: Consensus | None = None
     exchanged: tuple[int, ...] = ()
 

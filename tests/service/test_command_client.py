@@ -68,6 +68,17 @@ def test_without_a_service_the_client_says_so(endpoint: str) -> None:
         rig.scan.stop(timeout=0.3)
 
 
+@pytest.mark.usefixtures("service")
+def test_a_command_that_there_is_not_is_said_to_be_none(endpoint: str) -> None:
+    with Client(endpoint) as rig:
+        with pytest.raises(
+            RemoteError, match="cmd/scam: the service has no such command; it has cmd/fusion, "
+        ):
+            rig.command("cmd/scam", action="once")
+        with pytest.raises(InvalidArgumentError, match="unknown field 'name'"):
+            rig.command("cmd/scan", action="once", name="of a field")
+
+
 def test_what_takes_too_long_is_said_to_be_on_its_way(service: Running, endpoint: str) -> None:
     service.daemon.control.inbox.submit(lambda: time.sleep(2), "burst")  # the devices are at work
     with (

@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from drivers import backends, make_camera, make_stage
+from drivers import NotAvailableError, backends, make_camera, make_stage
 from drivers.clock import VirtualClock
 from drivers.recording import open_recording
 from service.capture.configured import make_rig
@@ -41,14 +42,21 @@ def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
     return written
 
 
-def test_a_newcomer_adds_a_camera_a_stage_and_a_sink(
-    write: Write, tmp_path: Path, endpoint: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(backends.CAMERAS, "wall", (write("camera", "wall_camera"), "WallCamera"))
-    monkeypatch.setitem(backends.STAGES, "model", (write("stage", "model_stage"), "ModelStage"))
+def test_a_newcomer_adds_a_camera_a_stage_and_a_sink(write: Write, tmp_path: Path, endpoint: str) -> None:
+    """In a package of their own."""
+    written = [write("camera", "wall_camera"), write("stage", "model_stage"), write("sink", "depth_log")]
+    (package,) = re.findall(r"```toml package\n(.*?)```", PAGE, flags=re.S)
+    told = tomllib.loads(package)
+    assert told["tool"]["setuptools"]["py-modules"] == written
+    installed = tmp_path / "my_rig-1.0.dist-info"
+    installed.mkdir()
+    (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: my-rig\nVersion: 1.0\n")
+    groups = told["project"]["entry-points"]
+    names = [f"[{group}]\n" + "".join(f"{k} = {v}\n" for k, v in groups[group].items()) for group in groups]
+    (installed / "entry_points.txt").write_text("\n".join(names))
     zenoh = tmp_path / "zenoh.json5"
     zenoh.write_text(json.dumps({"listen": {"endpoints": [endpoint]}}))
-    sink = {"kind": f"{write('sink', 'depth_log')}:DepthLog", "options": {"path": str(tmp_path / "depths")}}
+    sink = {"kind": "depth-log", "options": {"path": str(tmp_path / "depths")}}
     settings = load(
         None,
         {
@@ -64,7 +72,7 @@ def test_a_newcomer_adds_a_camera_a_stage_and_a_sink(
         },
     )
     run_service(settings, make_rig(settings), output=tmp_path / "out", once=True)
-    assert float((tmp_path / "depths").read_text()) == pytest.approx(3.0 * 0.85, rel=0.15)
+    assert float((tmp_path / "depths").read_text()) == pytest.approx(3.0, abs=0.01)
     (found,) = fused_maps(open_recording(tmp_path / "out" / "fused.mcap"))
     middle = found["depth"][288, 352]
     assert middle == pytest.approx(3.0, abs=0.01)
@@ -81,7 +89,10 @@ def test_the_stage_is_where_it_was_sent(write: Write, monkeypatch: pytest.Monkey
         camera.start()
         first, second = camera.grab(), camera.grab()
         assert second.sequence == first.sequence + 1
-        np.testing.assert_allclose(first.distance, 3.0, atol=1e-3)
+        matrix = np.linalg.inv(camera.calibration.intrinsics.matrix)
+        rows, columns = np.indices(first.shape)
+        rays = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ matrix.T
+        np.testing.assert_allclose(first.distance / np.linalg.norm(rays, axis=-1), 3.0, atol=1e-3)
 
 
 def test_a_newcomer_adds_a_method(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -91,6 +102,47 @@ def test_a_newcomer_adds_a_method(write: Write, monkeypatch: pytest.MonkeyPatch)
     fused = fuse(frames, options=options, shifts=np.zeros((2, 2)))
     np.testing.assert_allclose(fused.distance, 2.1, atol=1e-6)
     assert fused.report.method == "average"
+
+
+@pytest.mark.parametrize("change", [("distance, None,", "distance[:2], None,"), ("np.float32", "np.float64")])
+def test_a_method_that_gives_no_map_of_the_fused_size_is_told(
+    change: tuple[str, str], write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "wrong.py").write_text(
+        (tmp_path / f"{write('method', 'right')}.py").read_text().replace(*change)
+    )
+    monkeypatch.setitem(methods.METHODS, "wrong", "wrong")
+    monkeypatch.delitem(sys.modules, "wrong", raising=False)
+    options = FusionOptions(method="wrong", upsampling=2)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"method 'wrong' gave a distance of shape .* \(16, 16\), float32"):
+        fuse(np.full((2, 8, 8), 2.0), options=options, shifts=np.zeros((2, 2)))
+
+
+@pytest.mark.parametrize(
+    ("place", "message"),
+    [
+        (("wall_camera", "WalCamera"), "camera backend 'wall' cannot be loaded: .*'WalCamera'"),
+        (("wall_kamera", "WallCamera"), "camera backend 'wall' cannot be loaded: .*'wall_kamera'"),
+    ],
+)
+def test_a_camera_that_is_not_there_is_told(
+    place: tuple[str, str], message: str, write: Write, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write("camera", "wall_camera")
+    monkeypatch.setitem(backends.CAMERAS, "wall", place)
+    with pytest.raises(NotAvailableError, match=message):
+        make_camera("wall")
+
+
+def test_what_is_no_frame_is_told(write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    right = tmp_path / f"{write('camera', 'wall_camera')}.py"
+    (tmp_path / "empty_camera.py").write_text(right.read_text().replace("return Frame(", "Frame("))
+    monkeypatch.setitem(backends.CAMERAS, "wall", ("empty_camera", "WallCamera"))
+    clock = VirtualClock(1_700_000_000 * 10**9)
+    with make_camera("wall", clock=clock) as camera:
+        camera.start()
+        with pytest.raises(TypeError, match=r"WallCamera\._grab gave None; expected a Frame"):
+            camera.grab()
 
 
 @pytest.mark.slow

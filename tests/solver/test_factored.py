@@ -177,7 +177,7 @@ def course(scene):
     positions = sample_positions(scene.distance.shape, shifts=scene.shifts)
     weights = np.ones(scene.distance.shape, np.float32)
     term = AreaTerm(values.astype(np.float32), weights, positions, 4, Footprint(), margin=16)
-    return Factored(term, 3000.0, 1 / (NOISE / 3000) ** 2, NOISE / 3000 / 12**0.5)
+    return Factored(term, 3000.0, 1 / (NOISE / 3000) ** 2, NOISE / 3000 / 12**0.5, 0.3)
 
 
 def test_sharp_steps_lower_the_objective():

@@ -76,3 +76,33 @@ def test_the_gap_closes_with_a_slope_too() -> None:
     end = outcome.state
     _, bound = term.certify(end, Prior().duals(end.x, end.radius, end.slope, end.epsilon), Prior())
     assert outcome.objective * (1 - 1e-4) < bound <= outcome.objective * (1 + 1e-9)
+
+
+def test_an_edge_differs_from_the_slope_that_was_found_before() -> None:
+    """A ramp steeper than an edge may be has its say once it is known; what differs from it has none."""
+    steep = padded(np.broadcast_to(3.0 * np.mgrid[:40, :60][1], (1, 40, 60)).copy())
+    steep[:, :, PAD + 30 :] -= 5.0
+    before = np.zeros((1, 2, *steep.shape[1:]), np.float32)
+    before[:, 1] = 3.0
+    inner = np.s_[0, 1, 12:-12, 12:-12]
+    assert slope(steep, edge=0.3, reach=4.0, before=before)[inner] == pytest.approx(3.0, abs=0.02)
+    assert np.ptp(slope(steep, edge=0.3, reach=4.0)[inner]) > 1
+
+
+def test_the_slope_of_the_inverse_of_a_distance_is_that_of_a_plane() -> None:
+    row = np.mgrid[:40, :60][0]
+    distance = padded(1 / (0.5 - 0.01 * row)[None])
+    found = slope(distance, edge=1e3, reach=4.0, measure=np.square(distance[0]) + np.float32(1e-6))
+    exact = 0.01 * distance[0] ** 2
+    inner = np.s_[14:-14, 14:-14]
+    np.testing.assert_allclose(found[0, 0][inner], exact[inner], rtol=0.06)
+    plain = slope(distance, edge=1e3, reach=4.0)[0, 0]
+    assert np.abs(plain - exact)[inner].max() > 2 * np.abs(found[0, 0] - exact)[inner].max()
+
+
+def test_a_pixel_without_weight_has_no_say() -> None:
+    x = padded(np.where(np.mgrid[:40, :60][1] < 30, 0.2, 0.5)[None] * np.mgrid[:40, :60][0])
+    weight = np.zeros_like(x[0])
+    weight[:, : PAD + 29] = 1
+    found = slope(x, edge=1e3, reach=4.0, weight=weight)[0, 0, 12:-12, 12:40]
+    assert found == pytest.approx(0.2, abs=1e-3)

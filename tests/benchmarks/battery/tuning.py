@@ -12,6 +12,7 @@ from parts import (
     scene,
     stairs,
     striped,
+    turn,
     wall,
     wire,
 )
@@ -94,5 +95,38 @@ def _floor() -> Scene:
     )
 
 
-TUNING = {f.__name__[1:]: f for f in (_boxes, _cut, _blobs, _stairs, _dark, _wires, _open, _slant, _floor)}
+def _dusk() -> Scene:
+    """A wall that returns hardly any light, relief on it, and lit things before it."""
+    return scene(
+        "dusk",
+        wall(2.7, 0.06, texture=patched(0.5, 27, 0.8)),
+        plate((-0.3, 0.15, 2.6), 0.4, 0.5, 0.06).turned(turn("y", 35), (-0.3, 0.15, 2.6)),
+        box((-0.1, -0.2, 2.1), (0.22, 0.16, 0.1), 0.7, -25, None),
+        sphere((0.28, 0.16, 2.2), 0.1, 0.75),
+        bar((0.1, -0.3, 2.0), (0.42, -0.1, 2.05), 0.02, 0.7),
+    )
+
+
+def _net() -> Scene:
+    """Laths of a pixel or two, side by side, upright, lying and slanted."""
+    laths: list[Surface] = [
+        bar((-0.42 + 0.035 * k, -0.3, 2.1), (-0.42 + 0.035 * k, 0.05, 2.1), 0.012, 0.6) for k in range(10)
+    ]
+    laths += [bar((0.02, -0.3 + 0.04 * k, 2.0), (0.42, -0.3 + 0.04 * k, 2.0), 0.016, 0.7) for k in range(9)]
+    laths += [bar((-0.4 + 0.06 * k, 0.1, 2.2), (-0.25 + 0.06 * k, 0.3, 2.2), 0.02, 0.5) for k in range(9)]
+    return scene("net", wall(2.7, texture=patched(0.5, 29, 0.9)), laths)
+
+
+def _brink() -> Scene:
+    """A dim slanted wall at the end of the range and beyond it."""
+    back = plate((0, 0, 7.45), 16, 8, 0.8, texture=patched(0.6, 33, 1.8)).turned(turn("x", 20), (0, 0, 7.45))
+    return scene("brink", back, box((0.5, 0.2, 5.8), (0.7, 0.5, 0.3), 0.8, -15, None))
+
+
+TUNING = {
+    f.__name__[1:]: f
+    for f in (
+        _boxes, _cut, _blobs, _stairs, _dark, _wires, _open, _slant, _floor, _dusk, _net, _brink
+    )
+}  # fmt: skip
 """Builders by name."""
