@@ -9,7 +9,7 @@ from solver.result import Fused, Progress, Report, Seconds
 
 if TYPE_CHECKING:
     from solver.fusion import fuse
-    from solver.sliding import SlidingFusion
+    from solver.stream.sliding import SlidingFusion
     from solver.warming import warm_up
 
 __all__ = [
@@ -31,7 +31,11 @@ __all__ = [
 ]
 
 # Imported on use: they need Numba, which takes longer to import than most commands to run.
-_LAZY = {"SlidingFusion": "solver.sliding", "fuse": "solver.fusion", "warm_up": "solver.warming"}
+_LAZY = {
+    "SlidingFusion": "solver.stream.sliding",
+    "fuse": "solver.fusion",
+    "warm_up": "solver.warming",
+}
 
 
 def __getattr__(name: str) -> Any:

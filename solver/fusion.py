@@ -8,14 +8,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solver import checks
+from solver.completion.complete import complete
 from solver.errors import FusionInputError, FusionWarning
+from solver.geometry.positions import sample_positions
 from solver.methods import load
 from solver.options import FusionOptions, Method
-from solver.positions import sample_positions
-from solver.preparation import complete, prepare
-from solver.problem import Solution
+from solver.preparation.prepare import prepare
+from solver.preparation.problem import Solution
 from solver.result import Fused, Progress, Report, Seconds
-from solver.threads import enough_threads
+from solver.runtime.threads import enough_threads
 
 
 @dataclass(frozen=True, slots=True)

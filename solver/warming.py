@@ -3,8 +3,8 @@
 import numpy as np
 
 from solver.fusion import fuse
-from solver.kernels.ahead import compile_ahead
 from solver.options import FusionOptions, Method
+from solver.runtime.ahead import compile_ahead
 
 _COMPILED: tuple[Method, ...] = ("lidarboost", "area", "phasor")
 

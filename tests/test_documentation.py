@@ -165,7 +165,7 @@ def test_configuration_that_is_shown_is_one(
 
 def test_a_method_has_the_signature_that_is_shown() -> None:
     from solver.methods import area
-    from solver.problem import Problem, Solution
+    from solver.preparation.problem import Problem, Solution
     from solver.result import Progress
 
     scope = {"Problem": Problem, "Solution": Solution, "Progress": Progress}

@@ -72,7 +72,7 @@ def weights_of(still: Still) -> NDArray[np.float64]:
 
 def rays_of(calibration: Calibration) -> NDArray[np.float64]:
     """(H, W, 3) unit rays of the pixels, camera axes."""
-    from solver.lens import pixel_rays
+    from solver.geometry.lens import pixel_rays
 
     slopes = pixel_rays(calibration.shape, calibration.intrinsics.matrix, calibration.distortion)
     rays = np.concatenate([slopes[..., :2], np.ones((*calibration.shape, 1))], axis=2)

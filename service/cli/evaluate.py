@@ -182,9 +182,9 @@ def _draw(
 ) -> None:
     """Pictures of the first seed at every noise level, each method at its best λ of those that ran."""
     from service.evaluation import pictures
-    from solver import noise as noise_law
     from solver.evaluation import run_method
     from solver.evaluation.variants import dark_print
+    from solver.preparation import noise as noise_law
 
     if swept:
         pictures.write_sweep(output / "error_against_lambda.png", outcomes)

@@ -13,7 +13,7 @@ WARM_UP = f'{sys.executable} -c "from solver.warming import warm_up; warm_up()"'
 
 def check_kernels(_: Configuration) -> Iterator[Check]:
     """Do the fusion's kernels lie compiled, and can those be kept that do not?"""
-    from solver.kernels.survey import survey
+    from solver.runtime.survey import survey
 
     found = survey()
     if found.folder is None:

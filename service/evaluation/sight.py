@@ -6,7 +6,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.lens import pixel_rays
+from solver.geometry.lens import pixel_rays
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,8 @@ from service.fusion.streams import Stream
 from service.messages.burst import Burst
 from service.processes.worker import tell
 from solver.errors import FusionError
-from solver.kernels.ahead import compile_ahead
 from solver.result import Progress
+from solver.runtime.ahead import compile_ahead
 
 _BETWEEN_WORDS = 0.2
 """Seconds between two words on how far the solver is."""

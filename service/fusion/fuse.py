@@ -18,7 +18,7 @@ from service.messages.map import FusedMap
 from service.messages.report import BurstReport, Phases
 from service.planning.plan import coverage
 from solver import Footprint, FusionWarning, fuse
-from solver.geometry import depth_from_distance, fused_intrinsics
+from solver.geometry.points import depth_from_distance, fused_intrinsics
 from solver.result import Fused, Progress
 
 

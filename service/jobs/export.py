@@ -19,7 +19,7 @@ from service.messages.topics import (
     FUSED_DEVIATION,
     FUSED_REASON,
 )
-from solver.geometry import distance_from_depth, points_from_distance
+from solver.geometry.points import distance_from_depth, points_from_distance
 
 Arrays = dict[str, NDArray[Any]]
 

@@ -20,7 +20,7 @@ from service.jobs.export import Arrays, fused_maps
 from service.jobs.fuse import recorded_bursts
 from service.messages.report import BurstReport
 from service.messages.topics import FUSED_CALIBRATION, FUSED_REPORT
-from solver.geometry import distance_from_depth
+from solver.geometry.points import distance_from_depth
 
 _TURNED = float(np.radians(0.05))
 """By as much as a stage that came back to a pose may report other angles: a sixth of a pixel."""

@@ -13,7 +13,7 @@ from service.messages.decoding import Received, read
 from service.messages.report import BurstReport
 from service.messages.topics import FUSED_DEPTH, FUSED_REPORT
 from service.wire.client import Client
-from solver.geometry import distance_from_depth
+from solver.geometry.points import distance_from_depth
 
 _FRAME_TOPICS = (CAMERA_DISTANCE, CAMERA_AMPLITUDE, CAMERA_FRAME)
 _TOPICS = (*_FRAME_TOPICS, FUSED_DEPTH, FUSED_REPORT)

@@ -22,7 +22,7 @@ class FusedMap:
         depth: (βH, βW) float32, Z in metres.
         deviation: (βH, βW) float32, one standard deviation of the distance, metres.
         amplitude: (βH, βW) float32, counts per second of integration time, or None.
-        reason: (βH, βW) uint8, why a pixel has this distance or none; see `solver.reason`.
+        reason: (βH, βW) uint8, why a pixel has this distance or none; see `solver.completion.reason`.
         intrinsics: (3, 3) camera matrix of the map, pixels; the distortion is the calibration's.
         report: how it went.
     """

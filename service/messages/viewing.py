@@ -14,7 +14,7 @@ from drivers.messages import Message, image_message, protobuf_message, protobuf_
 from service.messages.events import MapFused
 from service.messages.map import FusedMap
 from service.messages.topics import FUSED_DEPTH_MM, FUSED_FRAME_ID, FUSED_POINTS
-from solver.lens import pixel_rays
+from solver.geometry.lens import pixel_rays
 
 POINT_FIELDS = ("x", "y", "z", "amplitude", "deviation")
 

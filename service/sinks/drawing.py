@@ -11,7 +11,7 @@ from service.messages.map import FusedMap
 from service.messages.quality import error_map, judge
 from service.sinks.canvas import Panel, draw
 from service.sinks.shading import Surface
-from solver.reason import CONTRADICTED, DARK, FILLED, OUTSIDE, SATURATED
+from solver.completion.reason import CONTRADICTED, DARK, FILLED, OUTSIDE, SATURATED
 
 _VIEWS = ((0.4, 0.15), (-0.4, 0.15))
 """Yaw and pitch of the two viewpoints, radians: far enough round to see relief, not to hide half of it."""

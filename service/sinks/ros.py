@@ -47,7 +47,7 @@ from service.messages.ros.types import RosMessage, RosTypes
 from service.sinks.sink import Room, Sink
 from service.wire.ros.node import RosNode
 from service.wire.ros.session import open_ros_session
-from solver.geometry import depth_from_distance
+from solver.geometry.points import depth_from_distance
 
 NODE = "lidarboost"
 

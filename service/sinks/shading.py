@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.rotations import rotation_matrix
-from solver.geometry import normals_from_points, points_from_distance
+from solver.geometry.points import normals_from_points, points_from_distance
 
 _AMBIENT = 0.25
 _SIZE = 432, 353

@@ -120,7 +120,7 @@ def _dense(trial: Trial, keep: NDArray[np.bool_], factor: int) -> Image:
 
 
 def _start(samples: Image) -> Image:
-    from solver.fill import nearest
+    from solver.optimisation.fill import nearest
 
     count = np.isfinite(samples).sum(axis=0)
     mean = np.nansum(samples, axis=0) / np.maximum(count, 1)

@@ -1,4 +1,4 @@
-"""Which samples agree with the other frames; see `solver.consensus`."""
+"""Which samples agree with the other frames; see `solver.preparation.consensus`."""
 
 import numpy as np
 from numba import njit

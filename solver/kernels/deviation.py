@@ -8,7 +8,7 @@ from solver.kernels.prior import COLUMNS, ROWS
 
 @njit(fastmath=True)
 def _steepness(x, i, out):  # type: ignore[no-untyped-def]
-    """out ← ‖∇x‖₂ along row i of (rows, columns), the differences of `solver.prior`."""
+    """out ← ‖∇x‖₂ along row i of (rows, columns), the differences of `solver.optimisation.prior`."""
     rows, columns = x.shape
     out[:] = 0
     for k in range(6):

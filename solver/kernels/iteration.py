@@ -1,4 +1,4 @@
-"""The loop of `solver.memory_gradient`, walked by a team of threads.
+"""The loop of `solver.optimisation.memory_gradient`, walked by a team of threads.
 
 Each thread has its rows; sums are kept by row and added in order by every thread for itself, so all take the
 same decisions, and results are the same bits for any number of threads.
@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 
 from solver.kernels.prior import inside
-from solver.kernels.team import meet
 from solver.kernels.walk import REACH, bends, move, on_the_way, part, reach_of, refresh, walk
+from solver.runtime.team import meet
 
 EPSILON, FIT, DONE, SETTLED, BENT = range(5)
 """Places in the numbers that the loop takes and leaves."""

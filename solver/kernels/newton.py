@@ -21,8 +21,8 @@ from numba import njit
 
 from solver.kernels.blur import apply, rings
 from solver.kernels.pairs import pull
-from solver.kernels.team import meet
 from solver.kernels.view import view
+from solver.runtime.team import meet
 
 STRIP = 8
 """Rows done at a time, few enough to stay in cache."""

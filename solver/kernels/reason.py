@@ -1,4 +1,4 @@
-"""What samples lack; see `solver.reason`."""
+"""What samples lack; see `solver.completion.reason`."""
 
 import numpy as np
 from numba import njit

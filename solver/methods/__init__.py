@@ -3,7 +3,7 @@
 from importlib import import_module
 from typing import Protocol
 
-from solver.problem import Problem, Solution
+from solver.preparation.problem import Problem, Solution
 from solver.result import Progress
 
 METHODS: dict[str, str] = {

@@ -3,7 +3,7 @@
     E(X) = Σ_k ‖Ω_k^½ (y_k − A_k X)‖² + λ Σ ‖∇X‖₂
 
 Ω weighs samples by their noise, relative to the median's, so that λ stays in units of distance. E is solved
-once; two more passes know its edges and slopes (see `solver.reweighting`).
+once; two more passes know its edges and slopes (see `solver.optimisation.reweighting`).
 """
 
 from functools import partial
@@ -11,21 +11,21 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.footprint import AreaTerm
-from solver.memory_gradient import Outcome
-from solver.noise import relief
-from solver.padding import cropped
-from solver.prior import Prior
-from solver.problem import Problem, Solution
+from solver.optimisation.footprint import AreaTerm
+from solver.optimisation.memory_gradient import Outcome
+from solver.optimisation.padding import cropped
+from solver.optimisation.prior import Prior
+from solver.optimisation.reweighting import Reweighting, Trail, Unit, minimise_reweighted, resume
+from solver.optimisation.ties import Tied
+from solver.preparation.noise import relief
+from solver.preparation.problem import Problem, Solution
 from solver.result import Progress
-from solver.reweighting import Reweighting, Trail, Unit, minimise_reweighted, resume
-from solver.ties import Tied
 
 _NOISE, _CLEAN = 15.0, 0.0006
 """λ = σ √(σ / (15 · relief)), and at least 0.0006 of the scene's range for noise-free frames. The power
 3/2 is measured; it lies between the σ of a discrepancy rule and the σ² of a Laplacian prior. So is the
-relief (see `solver.noise`): the scene's range in its place costs a detailed object an eighth of its squared
-error, or the recorded scenes 6 % of their mean absolute error."""
+relief (see `solver.preparation.noise`): the scene's range in its place costs a detailed object an eighth of
+its squared error, or the recorded scenes 6 % of their mean absolute error."""
 
 _MIXING = 0.005
 """Of the scene's range, where an ambiguity range says that samples average phasors: what the average of

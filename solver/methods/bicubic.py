@@ -8,9 +8,9 @@ Source: R. G. Keys, "Cubic convolution interpolation for digital image processin
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.fill import nearest
 from solver.methods.nearest import frame_at_grid, sources
-from solver.problem import Problem, Solution
+from solver.optimisation.fill import nearest
+from solver.preparation.problem import Problem, Solution
 from solver.result import Progress
 
 Image = NDArray[np.float32]

@@ -15,9 +15,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.fill import nearest
 from solver.methods.shift_and_add import cells
-from solver.problem import Problem, Solution
+from solver.optimisation.fill import nearest
+from solver.preparation.problem import Problem, Solution
 from solver.result import Progress
 
 Image = NDArray[np.float32]

@@ -8,13 +8,13 @@ CVPR 2009. The whole image is solved at once; W_k is sparse (one fused pixel und
 
 import numpy as np
 
-from solver.padding import cropped
-from solver.prior import Prior
-from solver.problem import Problem, Solution
-from solver.pyramid import coarse_start
+from solver.optimisation.padding import cropped
+from solver.optimisation.prior import Prior
+from solver.optimisation.pyramid import coarse_start
+from solver.optimisation.reweighting import Unit, minimise_reweighted, resume
+from solver.optimisation.sampling import SparseTerm, sample
+from solver.preparation.problem import Problem, Solution
 from solver.result import Progress
-from solver.reweighting import Unit, minimise_reweighted, resume
-from solver.sampling import SparseTerm, sample
 
 _NOISE, _MIXING = 1.2, 0.01
 """λ in units of one sample's deviation, and in units of the scene's range: noise-free samples still disagree,

@@ -15,12 +15,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.fill import nearest
-from solver.preparation import prepare
-from solver.problem import Problem, Solution
+from solver.optimisation.fill import nearest
+from solver.optimisation.sampling import Samples, sample
+from solver.optimisation.stencil import conjugate_gradients
+from solver.preparation.prepare import prepare
+from solver.preparation.problem import Problem, Solution
 from solver.result import Progress
-from solver.sampling import Samples, sample
-from solver.stencil import conjugate_gradients
 
 Image = NDArray[np.float32]
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.problem import Problem, Solution
+from solver.preparation.problem import Problem, Solution
 from solver.result import Progress
 
 

@@ -4,8 +4,8 @@
 
 A pixel at a depth edge averages the two phasors, not the two distances, and the noise is nearly uniform in
 the complex plane, so dark samples need no weights. Log-amplitude and distance have penalties of their own
-(see `solver.factored`), weighed against the true likelihood: no λ is to be chosen, and a numeric one is a
-factor on the penalties.
+(see `solver.optimisation.factored`), weighed against the true likelihood: no λ is to be chosen, and a numeric
+one is a factor on the penalties.
 """
 
 from collections.abc import Sequence
@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import FusionInputError
-from solver.factored import MODEL, SCHEDULE, Factored, Step
-from solver.footprint import AreaTerm
 from solver.kernels import phasor as phasors
-from solver.kernels import team
-from solver.padding import cropped
-from solver.problem import Problem, Solution
+from solver.optimisation.factored import MODEL, SCHEDULE, Factored, Step
+from solver.optimisation.footprint import AreaTerm
+from solver.optimisation.padding import cropped
+from solver.preparation.problem import Problem, Solution
+from solver.preparation.wrapping import nearest
 from solver.result import Progress
-from solver.wrapping import nearest
+from solver.runtime import team
 
 _MARGIN = 4
 """Low-resolution pixels that the map reaches beyond the grid, so that samples that look there count."""

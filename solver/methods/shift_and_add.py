@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.problem import Problem, Solution
+from solver.preparation.problem import Problem, Solution
 from solver.result import Progress
 
 Image = NDArray[np.float32]

@@ -6,9 +6,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.geometry.lens import camera_matrix, lens_coefficients, pixel_rays, tilt_matrix
+from solver.geometry.positions import rotation_matrix, rotation_vector
 from solver.kernels.lens import distort
-from solver.lens import camera_matrix, lens_coefficients, pixel_rays, tilt_matrix
-from solver.positions import rotation_matrix, rotation_vector
 from solver.registration.points import Points
 from solver.registration.samples import Samples
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solver.errors import FusionInputError
-from solver.geometry import rotations_to_shifts, shifts_to_rotations
+from solver.geometry.points import rotations_to_shifts, shifts_to_rotations
 from solver.registration.alignment import Alignment
 from solver.registration.motion import Motion, Shift, Turn
 from solver.registration.samples import Source, pyramid, scaling

@@ -4,7 +4,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.geometry import rotations_to_shifts, shifts_to_rotations
+from solver.geometry.points import rotations_to_shifts, shifts_to_rotations
 from solver.registration.motion import Motion, Turn
 from solver.registration.samples import Samples
 

@@ -14,8 +14,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.kernels import team
-from solver.kernels.team import meet
+from solver.runtime import team
+from solver.runtime.team import meet
 
 Image = NDArray[np.float32]
 

@@ -10,9 +10,9 @@ from scipy import sparse
 
 from solver import FusionOptions, fuse
 from solver.evaluation import Trial
+from solver.geometry.positions import sample_positions
+from solver.optimisation.sampling import Samples, sample
 from solver.options import NEIGHBOURHOOD
-from solver.positions import sample_positions
-from solver.sampling import Samples, sample
 
 SIDE, OVERLAP = 20, 2  # fused pixels, the paper's
 LARGE = 20  # low-resolution pixels: a patch of 80 × 80 fused pixels, solved whole by both

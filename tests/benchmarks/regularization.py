@@ -27,8 +27,8 @@ from service.fusion.fuse import stack
 from service.jobs.fuse import recorded_bursts
 from solver import Footprint, FusionOptions, FusionWarning, fuse
 from solver.evaluation import MATCHED, DepthMap, errors, make_trial, procedural_object
-from solver.noise import estimate
 from solver.options import Method
+from solver.preparation.noise import estimate
 
 Image = NDArray[np.float32]
 ROOT = Path(__file__).parents[2]

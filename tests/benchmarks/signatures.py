@@ -1,6 +1,6 @@
 """List what the fusion compiles: `python tests/benchmarks/signatures.py`.
 
-It writes `solver/kernels/signatures.json`: for each method a burst and a stream are fused, of the small scene
+It writes `solver/runtime/signatures.json`: for each method a burst and a stream are fused, of the small scene
 that a service starts with and of the bundled recording, each method in a process of its own; the kernels that
 were called are listed with the types of their arguments. Run it after a kernel is added, renamed or given
 other arguments: a test asks for it.
@@ -18,7 +18,7 @@ sys.path.insert(0, str(ROOT))
 
 from numba.core.registry import cpu_target  # noqa: E402
 
-from solver.kernels.ahead import TABLE, written  # noqa: E402
+from solver.runtime.ahead import TABLE, written  # noqa: E402
 
 METHODS = "lidarboost", "area", "phasor"
 
@@ -29,7 +29,7 @@ def called(method: str) -> list[Row]:
     """The kernels that a method calls, in this process, which has called none yet."""
     from numba.core.dispatcher import Dispatcher
 
-    from solver.kernels.caching import KernelCache
+    from solver.runtime.caching import KernelCache
 
     fuse_all(method)
     rows = []

@@ -3,7 +3,7 @@
 `python tests/benchmarks/streaming.py [--window 15] [--maps 64] [--json FILE]`: a simulated rig takes one
 frame after another at poses of its own; `SlidingFusion` registers each with those before it from the stage's
 angles and fuses the last window. The first two windows are not counted: in the first one data are few, and
-in the second one arrays grow. Now and then all passes run (see `solver.window`); the rate counts them, and
+in the second one arrays grow. Now and then all passes run (see `stream.window`); the rate counts them, and
 the longest map is one of them. The errors are those of all counted maps, and of `fuse` on the last window's
 frames. Run it on an idle machine.
 """

@@ -29,7 +29,7 @@ from drivers.messages import (
 from drivers.settings import CameraSettings
 from drivers.usb.profile import FOLDER, Profile
 from solver import FusionError
-from solver.lens import pixel_rays
+from solver.geometry.lens import pixel_rays
 from tests.hostile import PROFILE, VALUES, assert_one_clear_line, damaged, toml_document, torn
 
 WHOLE = sr4000_calibration().model_copy(

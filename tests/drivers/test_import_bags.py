@@ -74,7 +74,7 @@ def test_depth_along_the_axis_becomes_distance_along_the_ray(tmp_path):
     bag.info(d=lens)
     bag.image(depth_image(), START)
     _, (frame,) = imported(bag.save(tmp_path / "bag"), DEPTH)
-    from solver.geometry import depth_from_distance
+    from solver.geometry.points import depth_from_distance
 
     depth = depth_from_distance(frame.distance, np.array(K).reshape(3, 3), np.array(lens))
     truth = depth_image().astype(float) * 1e-3

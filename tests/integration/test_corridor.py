@@ -12,7 +12,7 @@ from service.cli import app
 from service.config.sections import FusionSection
 from service.jobs.fuse import fuse_recording
 from service.messages.map import FusedMap
-from solver.geometry import points_from_distance
+from solver.geometry.points import points_from_distance
 
 STATION = Path(__file__).parents[3] / "shared" / "data" / "sr4000" / "station1"
 

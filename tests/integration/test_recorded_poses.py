@@ -15,7 +15,7 @@ from drivers.simulated import SimulatedStage
 from service.config.sections import Configuration
 from service.fusion.fuse import stack
 from service.jobs.simulate import EPOCH
-from solver.positions import sample_positions
+from solver.geometry.positions import sample_positions
 from solver.registration import Track, register
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"

@@ -23,7 +23,7 @@ from drivers.poses import relative_rotations
 from drivers.recording import open_recording
 from service.messages.viewing import ON_DEMAND
 from solver import FusionOptions, fuse
-from solver.geometry import depth_from_distance
+from solver.geometry.points import depth_from_distance
 
 ROOT = Path(__file__).parents[2]
 RECORDING = ROOT / "recordings" / "wedges.mcap"

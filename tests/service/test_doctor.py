@@ -26,7 +26,7 @@ from service.doctor.host import check_clock, check_disk, check_zenoh
 from service.doctor.kernels import check_kernels
 from service.doctor.serial_ports import check_serial
 from service.doctor.usb import check_udev, check_usb, check_vendor_library
-from solver.kernels.survey import Survey
+from solver.runtime.survey import Survey
 
 PLAIN = Configuration()
 
@@ -153,7 +153,7 @@ def test_zenoh_port_in_use(monkeypatch):
 def test_kernels_in_every_condition(tmp_path, monkeypatch):
     def found(**changes):
         known = {"folder": tmp_path, "compiled": 60, "kernels": 90, "fault": None} | changes
-        monkeypatch.setattr("solver.kernels.survey.survey", lambda: Survey(**known))
+        monkeypatch.setattr("solver.runtime.survey.survey", lambda: Survey(**known))
         return only(check_kernels(PLAIN))
 
     check = found()

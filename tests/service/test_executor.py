@@ -29,7 +29,7 @@ from service.fusion.local import LocalExecutor
 from service.messages.burst import Burst
 from service.messages.map import FusedMap
 from service.messages.status import FusionState
-from solver.kernels.caching import caches
+from solver.runtime.caching import caches
 
 WEDGES = Path(__file__).parents[2] / "recordings" / "wedges.mcap"
 

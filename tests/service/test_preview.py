@@ -20,7 +20,7 @@ from service.sinks.canvas import _ticks, draw
 from service.sinks.drawing import panels_of, title_of, write_preview
 from service.sinks.pictures import Pictures
 from service.sinks.shading import Surface
-from solver.reason import DARK, MEASURED
+from solver.completion.reason import DARK, MEASURED
 
 
 @pytest.fixture(scope="module")

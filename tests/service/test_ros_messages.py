@@ -8,7 +8,7 @@ from ros_rig import BETA, LENS, SHAPE, START, made_frame
 
 from drivers.messages import RIG_FROM_STAGE
 from service.messages.viewing import fused_points
-from solver.geometry import depth_from_distance
+from solver.geometry.points import depth_from_distance
 
 
 @pytest.fixture(scope="module")

@@ -17,8 +17,8 @@ from service.messages.encoding import fused_messages
 from service.messages.events import MapFused
 from service.messages.map import FusedMap
 from service.messages.viewing import Extras, depth_mm_message, fused_points, points_message
-from solver.geometry import depth_from_distance, distance_from_depth
-from solver.lens import pixel_rays
+from solver.geometry.lens import pixel_rays
+from solver.geometry.points import depth_from_distance, distance_from_depth
 
 LENS = (-0.35, 0.12, 0.001, -0.002)
 

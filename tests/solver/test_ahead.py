@@ -7,18 +7,18 @@ from pathlib import Path
 
 import pytest
 
-from solver.kernels import ahead
-from solver.kernels.ahead import TABLE, Listed, compile_ahead, table
+from solver.runtime import ahead
+from solver.runtime.ahead import TABLE, Listed, compile_ahead, table
 
 ROOT = Path(__file__).parents[2]
 
 SMALL = "solver.kernels.fill.take", "solver.kernels.fill.divide", "solver.kernels.noise.light"
-SMALL += "solver.positions._rodrigues", "solver.positions._unwind"
+SMALL += "solver.geometry.positions._rodrigues", "solver.geometry.positions._unwind"
 
 COMPILE = """
 import json, sys
 from numba.core import event
-from solver.kernels import ahead
+from solver.runtime import ahead
 {before}
 kernels = [kernel for kernel in ahead.table() if kernel.name in {names}]
 ahead.table = lambda: tuple(kernels)
@@ -68,7 +68,7 @@ def test_what_others_do_not_compile_is_compiled_here(tmp_path: Path, fault: str)
 
 
 def test_where_nothing_can_be_kept_the_kernels_are_compiled_here(tmp_path: Path) -> None:
-    only = "from pathlib import Path; from solver.kernels import caching"
+    only = "from pathlib import Path; from solver.runtime import caching"
     (tmp_path / "file").write_text("where a folder should be")
     found = compiled(tmp_path, f"{only}; caching._choices = lambda *_: [Path({str(tmp_path / 'file')!r})]")
     assert {"take", "divide", "light", "_rodrigues", "_unwind"} <= set(map(str, found["here"]))
@@ -96,7 +96,7 @@ def test_every_kernel_that_a_method_calls_is_listed() -> None:
     def known(rows: list[dict[str, object]]) -> list[tuple[object, ...]]:
         return [(row["name"], row["arguments"], row["methods"]) for row in rows]
 
-    again = "solver/kernels/signatures.json is not what is called: run python tests/benchmarks/signatures.py"
+    again = "solver/runtime/signatures.json is not what is called: run python tests/benchmarks/signatures.py"
     assert known(json.loads(said.stdout)) == known(json.loads(TABLE.read_text())), again
 
 

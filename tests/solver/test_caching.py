@@ -75,7 +75,7 @@ def test_every_kernel_is_compiled_after_the_cache_knows() -> None:
     """Whatever is imported first: another stamp would have kernels compiled again and again."""
     for path in PACKAGE.rglob("*.py"):
         if "cache=True" in path.read_text():
-            assert "solver.kernels" in imported(module(path)), path
+            assert "solver.runtime" in imported(module(path)), path
 
 
 def module(path: Path) -> str:

@@ -4,14 +4,14 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from solver.certificate import slope
-from solver.footprint import AreaTerm
+from solver.geometry.positions import sample_positions
 from solver.kernels.bound import correct, potential
-from solver.memory_gradient import Outcome, Term, minimise, start
+from solver.optimisation.certificate import slope
+from solver.optimisation.footprint import AreaTerm
+from solver.optimisation.memory_gradient import Outcome, Term, minimise, start
+from solver.optimisation.prior import Prior, level
+from solver.optimisation.sampling import SparseTerm
 from solver.options import NEIGHBOURHOOD, Footprint
-from solver.positions import sample_positions
-from solver.prior import Prior, level
-from solver.sampling import SparseTerm
 
 SHIFTS = np.array([[0, 0], [0.3, 0.45], [-0.4, 0.2], [0.15, -0.35]])
 

@@ -9,11 +9,11 @@ from scipy.sparse.linalg import spsolve
 
 from solver import FusionOptions, fuse
 from solver.evaluation import DepthMap, errors, make_trial, procedural_object
+from solver.geometry.positions import sample_positions
 from solver.methods import ibsr, mrf, shift_and_add
-from solver.positions import sample_positions
-from solver.preparation import prepare
-from solver.sampling import sample
-from solver.stencil import conjugate_gradients
+from solver.optimisation.sampling import sample
+from solver.optimisation.stencil import conjugate_gradients
+from solver.preparation.prepare import prepare
 
 SHARED = Path(__file__).parents[3] / "shared" / "data"
 

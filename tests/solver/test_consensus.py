@@ -5,9 +5,9 @@ import pytest
 
 from solver import FusionOptions, SlidingFusion, fuse
 from solver.evaluation import DepthMap, errors, make_trial, procedural_object
+from solver.geometry.positions import sample_positions
 from solver.options import Method
-from solver.positions import sample_positions
-from solver.preparation import exchange, prepare
+from solver.preparation.prepare import exchange, prepare
 from tests.solver.conftest import Burst, burst, depth
 
 RANGE = 7.5

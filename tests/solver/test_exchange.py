@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from solver import FusionOptions
-from solver.footprint import AreaTerm
+from solver.geometry.positions import sample_positions
+from solver.optimisation.footprint import AreaTerm
 from solver.options import Footprint
-from solver.positions import sample_positions
-from solver.preparation import exchange, prepare
+from solver.preparation.prepare import exchange, prepare
 
 FRAMES, ROWS, COLUMNS = 8, 12, 15
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from solver import Fused, FusionOptions, fuse
-from solver.factored import SCHEDULE, Factored, Step
-from solver.footprint import AreaTerm
+from solver.geometry.positions import sample_positions
+from solver.optimisation.factored import SCHEDULE, Factored, Step
+from solver.optimisation.footprint import AreaTerm
 from solver.options import Footprint
-from solver.positions import sample_positions
 
 RANGE, RAYS, MARGIN = 7.5, 8, 3
 NOISE = 25.0  # counts, of each component

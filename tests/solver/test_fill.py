@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from solver.fill import smoothed
+from solver.optimisation.fill import smoothed
 
 
 @pytest.mark.parametrize("factor", [2, 12, 40, 64])

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from solver.errors import FusionInputError
-from solver.geometry import (
+from solver.geometry.points import (
     depth_from_distance,
     distance_from_depth,
     fused_intrinsics,

@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 from numba.core import config
 
-from solver.kernels import caching, files
+from solver.runtime import caching, files
 
 ROOT = Path(caching.__file__).parents[2]
 

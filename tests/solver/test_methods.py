@@ -9,12 +9,12 @@ import pytest
 from conftest import Burst, burst
 
 from solver import Footprint, FusionOptions, FusionWarning, fuse
-from solver.fill import smoothed
-from solver.footprint import AreaTerm
-from solver.memory_gradient import State, Term, minimise, start
-from solver.positions import sample_positions
-from solver.prior import Prior
-from solver.sampling import SparseTerm, sample
+from solver.geometry.positions import sample_positions
+from solver.optimisation.fill import smoothed
+from solver.optimisation.footprint import AreaTerm
+from solver.optimisation.memory_gradient import State, Term, minimise, start
+from solver.optimisation.prior import Prior
+from solver.optimisation.sampling import SparseTerm, sample
 
 OBJECT = Path(__file__).parents[2].parent / "shared" / "data" / "bunny_depth.npz"
 

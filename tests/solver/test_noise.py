@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from solver.evaluation import DepthMap, make_trial, procedural_object
-from solver.noise import estimate
+from solver.preparation.noise import estimate
 
 
 @pytest.mark.parametrize("share", [0.0, 0.05, 0.3])

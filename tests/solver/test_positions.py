@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from solver.errors import FusionInputError
-from solver.lens import pixel_rays
-from solver.positions import rotation_matrix, rotation_vector, sample_positions
+from solver.geometry.lens import pixel_rays
+from solver.geometry.positions import rotation_matrix, rotation_vector, sample_positions
 
 K = np.array([[200.0, 0, 87.0], [0, 201.0, 71.5], [0, 0, 1]])
 LENSES = [

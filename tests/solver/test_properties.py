@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from solver import Fused, FusionInputError, FusionOptions, FusionWarning, fuse
-from solver.threads import ALONE
+from solver.runtime.threads import ALONE
 
 METHODS = ["nearest", "lidarboost", "area", "phasor"]
 PROFILE = settings(

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from solver import FusionOptions, fuse
-from solver.prior import Prior
-from solver.pyramid import coarse_start
+from solver.optimisation.prior import Prior
+from solver.optimisation.pyramid import coarse_start
 
 Frames = tuple[np.ndarray, np.ndarray]
 

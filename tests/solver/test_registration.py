@@ -10,8 +10,8 @@ import pytest
 
 from solver.errors import FusionInputError, RegistrationError
 from solver.evaluation import LITERAL, MATCHED, DepthMap, make_trial, procedural_object
-from solver.geometry import rotations_to_shifts
-from solver.positions import rotation_matrix, sample_positions
+from solver.geometry.points import rotations_to_shifts
+from solver.geometry.positions import rotation_matrix, sample_positions
 from solver.registration import Track, register
 
 SHARED = Path(__file__).parents[3] / "shared" / "data"

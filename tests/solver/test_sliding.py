@@ -5,8 +5,8 @@ import pytest
 
 from solver import FusionInputError, FusionOptions, RegistrationError, SlidingFusion, fuse
 from solver.evaluation import DepthMap, make_trial, procedural_object
-from solver.preparation import exchange
-from solver.problem import Problem
+from solver.preparation.prepare import exchange
+from solver.preparation.problem import Problem
 
 ROWS, COLUMNS = 20, 24
 SHIFTS = np.array([[0, 0], [0.25, 0.5], [-0.5, 0.25], [0.5, -0.25], [-0.25, -0.4], [0.1, 0.6]])
@@ -107,7 +107,7 @@ def test_a_full_window_survives_a_frame_that_cannot_be_fused(monkeypatch: pytest
     for frame, light, shift in zip(distance[:10], amplitude, shifts, strict=False):
         sliding.push(frame, light, shift=shift)
     with monkeypatch.context() as patch:
-        patch.setattr("solver.reweighting.minimise", _interrupted)
+        patch.setattr("solver.optimisation.reweighting.minimise", _interrupted)
         with pytest.raises(KeyboardInterrupt):
             sliding.push(distance[10], amplitude[10], shift=shifts[10])
     fused = sliding.push(distance[11], amplitude[11], shift=shifts[11])
@@ -132,7 +132,7 @@ def test_a_full_window_survives_an_exchange_that_got_half_way(monkeypatch: pytes
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("solver.window.exchange", half_way)
+        patch.setattr("solver.stream.window.exchange", half_way)
         with pytest.raises(KeyboardInterrupt):
             sliding.push(distance[10], amplitude[10], shift=shifts[10])
     fused = sliding.push(distance[11], amplitude[11], shift=shifts[11])

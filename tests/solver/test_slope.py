@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from solver.footprint import AreaTerm
+from solver.geometry.positions import sample_positions
 from solver.kernels.prior import PAD
 from solver.kernels.smoothing import gaussian
-from solver.memory_gradient import minimise, start
+from solver.optimisation.footprint import AreaTerm
+from solver.optimisation.memory_gradient import minimise, start
+from solver.optimisation.prior import Prior, level
+from solver.optimisation.slope import slope
 from solver.options import Footprint
-from solver.positions import sample_positions
-from solver.prior import Prior, level
-from solver.slope import slope
 
 
 def padded(image: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from solver.swings import find_swings
+from solver.optimisation.swings import find_swings
 
 
 def norms(rows: int = 80, columns: int = 90) -> np.ndarray:

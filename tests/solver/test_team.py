@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import pytest
 
-from solver.kernels import team
+from solver.runtime import team
 
 if numba.config.NUMBA_NUM_THREADS == 1:
     pytest.skip("one thread is no team", allow_module_level=True)

@@ -5,15 +5,15 @@ import pytest
 
 from solver import FusionOptions, fuse
 from solver.evaluation.protocol import DepthMap, make_trial
-from solver.footprint import AreaTerm
+from solver.geometry.positions import sample_positions
 from solver.kernels import ties as kernels
 from solver.kernels.prior import PAD
-from solver.memory_gradient import minimise, start
 from solver.methods import area
+from solver.optimisation.footprint import AreaTerm
+from solver.optimisation.memory_gradient import minimise, start
+from solver.optimisation.prior import Prior
+from solver.optimisation.ties import Tied, Ties
 from solver.options import NEIGHBOURHOOD, Footprint
-from solver.positions import sample_positions
-from solver.prior import Prior
-from solver.ties import Tied, Ties
 
 SHIFTS = np.array([[0, 0], [0.3, 0.45], [-0.4, 0.2], [0.15, -0.35]])
 

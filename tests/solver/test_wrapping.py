@@ -5,7 +5,7 @@ import pytest
 
 from solver import FusionOptions, SlidingFusion, fuse
 from solver.options import Method
-from solver.wrapping import find_cut, unwrapped, wrapped
+from solver.preparation.wrapping import find_cut, unwrapped, wrapped
 
 RANGE = 7.5
 

@@ -26,8 +26,8 @@ from table import Row, show
 from tuning import TUNING
 
 from solver import Fused, FusionError, FusionOptions, FusionWarning, fuse
+from solver.geometry.positions import sample_positions
 from solver.options import Method
-from solver.positions import sample_positions
 
 sys.path.append(str(Path(__file__).parents[1]))
 

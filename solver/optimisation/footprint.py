@@ -12,16 +12,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.certificate import shrinkage, slope
 from solver.errors import FusionInputError
-from solver.fill import ratio
-from solver.kernels import blur, team
+from solver.kernels import blur
 from solver.kernels import dual as duals
 from solver.kernels import footprint as kernels
 from solver.kernels.prior import PAD
-from solver.memory_gradient import Operator, State
+from solver.optimisation.certificate import shrinkage, slope
+from solver.optimisation.fill import ratio
+from solver.optimisation.memory_gradient import Operator, State
+from solver.optimisation.prior import Prior
 from solver.options import Footprint
-from solver.prior import Prior
+from solver.runtime import team
 
 
 def footprint_taps(footprint: Footprint, factor: int) -> NDArray[np.float64]:

@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.kernels import iteration as loop
-from solver.kernels import team
 from solver.kernels.prior import PAD
-from solver.padding import padded
-from solver.prior import Prior, level
+from solver.optimisation.padding import padded
+from solver.optimisation.prior import Prior, level
 from solver.result import Progress
+from solver.runtime import team
 
 Image = NDArray[np.floating]
 
@@ -53,7 +53,7 @@ class State:
     radius: Image
     """λ by pixel, in units of λ: 1 everywhere unless the prior is weighted."""
     slope: Image
-    """(C, 2, rows + 4, columns + 4), what `solver.slope` foretells, or (C, 2, 0, 0) = level."""
+    """(C, 2, rows + 4, columns + 4), what `solver.optimisation.slope` foretells, or (C, 2, 0, 0) = level."""
     epsilon: float = 0.0
     """Below which the corner of the norm was last rounded, in units of λ; 0 = not begun."""
     fit: float | None = None

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.kernels import deviation as kernels
-from solver.kernels import team
 from solver.options import SINGLE
-from solver.problem import Problem, Solution
+from solver.preparation.problem import Problem, Solution
+from solver.runtime import team
 
 _LEVEL, _SLOPED = (0.36, 0.15, 0.23), {"area": (0.18, 0.03, 0.03)}
 """Floor, share of σ / λ, and b: for a prior of first order, and by method for one that lets ramps pass."""

@@ -6,13 +6,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from solver import noise as noise_law
-from solver.consensus import Consensus
-from solver.factored import Factored
-from solver.kernels import sparse, team
+from solver.kernels import sparse
+from solver.optimisation.factored import Factored
+from solver.optimisation.reweighting import Trail
 from solver.options import FusionOptions
+from solver.preparation import noise as noise_law
+from solver.preparation.consensus import Consensus
 from solver.result import Progress
-from solver.reweighting import Trail
+from solver.runtime import team
 
 
 @dataclass
@@ -93,7 +94,7 @@ class Problem:
 
     @cached_property
     def spread(self) -> float:
-        """The scene's range of distances, see `solver.noise`; at first, where frames change."""
+        """The scene's range of distances, see `solver.preparation.noise`; at first, where frames change."""
         return noise_law.spread(self.distance)
 
 

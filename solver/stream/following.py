@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import RegistrationError
-from solver.poses import Pose, PoseSpace
-from solver.window import Window
+from solver.geometry.poses import Pose, PoseSpace
+from solver.stream.window import Window
 
 _FEW = 6
 """Frames that are registered together: a mosaic of fewer is aliased, and what it misplaces would stay."""

@@ -17,13 +17,14 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.footprint import AreaTerm
-from solver.kernels import learning, team
+from solver.kernels import learning
 from solver.kernels import ties as kernels
 from solver.kernels.prior import PAD
 from solver.kernels.smoothing import gaussian
-from solver.memory_gradient import Operator, State
-from solver.prior import Prior
+from solver.optimisation.footprint import AreaTerm
+from solver.optimisation.memory_gradient import Operator, State
+from solver.optimisation.prior import Prior
+from solver.runtime import team
 
 Image = NDArray[np.floating]
 
@@ -57,7 +58,7 @@ class Ties:
 
         Args:
             x: (C, rows + 4, columns + 4), padded.
-            slope: as in `solver.slope`.
+            slope: as in `solver.optimisation.slope`.
             prior: whose differences are tied.
             freed: (rows + 4, columns + 4), 1 − ρ: the part of its weight that the prior has lost.
             strength: of a tie where it is all lost and nothing is to be seen across the tie.

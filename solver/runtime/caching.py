@@ -19,7 +19,7 @@ from typing import Any
 import numba
 from numba.core import caching, config, dispatcher
 
-from solver.kernels.files import KernelFiles, fault_in_writing
+from solver.runtime.files import KernelFiles, fault_in_writing
 
 _IMPORT = re.compile(rb"\nfrom (solver\.[.\w]+) import")
 

@@ -1,20 +1,17 @@
-"""From registered frames to a method's problem, and from its solution to the finished map."""
+"""From registered frames to a method's problem."""
 
 from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver import noise as noise_law
-from solver.consensus import MAJORITY, Consensus
-from solver.deviation import deviation
 from solver.errors import FusionInputError
-from solver.fill import reach, smooth
 from solver.kernels import noise as kernels
 from solver.options import SINGLE, FusionOptions
-from solver.problem import Problem, Solution
-from solver.reason import reasons
-from solver.wrapping import find_cut, unwrapped, wrapped
+from solver.preparation import noise as noise_law
+from solver.preparation.consensus import MAJORITY, Consensus
+from solver.preparation.problem import Problem
+from solver.preparation.wrapping import find_cut, unwrapped
 
 
 def prepare(
@@ -111,41 +108,6 @@ def exchange(
 def _count(problem: Problem, frames: Iterable[int], sign: int) -> None:
     for number in frames:
         problem.count(slice(number, number + 1), problem.precision, sign)
-
-
-def complete(
-    problem: Problem, solution: Solution
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:
-    """(distance, deviation, reason), filled up to `fill` low-resolution pixels from the nearest used sample.
-
-    Raises:
-        FusionInputError: no pixel of the map is known.
-        TypeError: the method gave no map of the fused size.
-    """
-    _check(problem, solution)
-    away = reach(problem.precision > 0)
-    known = np.isfinite(solution.distance)
-    if known.all():
-        distance = solution.distance.copy()
-    elif known.any():
-        distance, beyond = smooth(solution.distance, known, problem.options.fill * problem.options.upsampling)
-        np.maximum(away, beyond, out=away)
-    else:
-        raise FusionInputError(
-            "every pixel is darker than its noise: nothing is known of any distance; expose longer"
-        )
-    spread = deviation(problem, solution, away, distance)
-    reason = reasons(problem, distance, away)
-    return wrapped(distance, problem.cut, problem.ambiguity_range), spread, reason
-
-
-def _check(problem: Problem, solution: Solution) -> None:
-    for name, image in (("distance", solution.distance), ("amplitude", solution.amplitude)):
-        if image is not None and (image.shape != problem.fused_shape or image.dtype != np.float32):
-            raise TypeError(
-                f"method {problem.options.method!r} gave a {name} of shape {image.shape}, {image.dtype}; "
-                f"expected {problem.fused_shape}, float32"
-            )
 
 
 def _threshold(

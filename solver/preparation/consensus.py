@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.kernels import consensus as kernels
-from solver.kernels import team
+from solver.runtime import team
 
 Image = NDArray[np.float32]
 

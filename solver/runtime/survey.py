@@ -9,7 +9,7 @@ from pkgutil import walk_packages
 from numba.core.registry import cpu_target
 
 import solver
-from solver.kernels.caching import KernelCache, caches
+from solver.runtime.caching import KernelCache, caches
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.kernels import dual, team
+from solver.kernels import dual
 from solver.kernels import prior as kernels
 from solver.options import NEIGHBOURHOOD, Offset
+from solver.runtime import team
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Prior:
     def value(
         self, x: NDArray[np.floating], radius: NDArray[np.floating], slope: NDArray[np.floating] | None = None
     ) -> float:
-        """Σ radius ‖∇x − slope‖₂ of a padded map (C, rows + 4, columns + 4); slope as in `solver.slope`."""
+        """Σ radius ‖∇x − slope‖₂ of a padded map (C, rows + 4, columns + 4); slope as in `slope`."""
         sums = np.zeros(x.shape[1] - 2 * kernels.PAD)
         tilt = level(x) if slope is None else slope
         team.share(kernels.values, x, tilt, self.squared(x), radius, sums)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.geometry.poses import Pose, PoseSpace, overlap
 from solver.options import FusionOptions
-from solver.poses import Pose, PoseSpace, overlap
-from solver.preparation import exchange, prepare
-from solver.problem import Problem
+from solver.preparation.prepare import exchange, prepare
+from solver.preparation.problem import Problem
 
 _MANY = 8
 """Frames of which one is a small part."""

@@ -1,17 +1,17 @@
 """Reweighted passes: the prior learns edges and slopes from the map of the pass before.
 
-λ ‖∇X‖ is replaced by gain · λ · ρ ‖∇X − s‖ pixel by pixel, s the slope (see `solver.slope`) and
+λ ‖∇X‖ is replaced by gain · λ · ρ ‖∇X − s‖ pixel by pixel, s the slope (see `solver.optimisation.slope`) and
 
     ρ = 1 / (1 + (‖∇X − s‖ / ε)²)
 
 of the map of the pass before, averaged over the nearest pixels. Smooth parts are smoothed more, edges keep
 their height; the slope keeps ramps from becoming stairs; and ties keep along edges what the weights give away
-there (see `solver.ties`). Samples that the first map does not explain lose weight: deconvolution would fit
-them by swings, and the weights would take these for edges. Where the first map swings even so, the following
-passes are not weighted, and smooth more (see `solver.swings`). Source: Candès, Wakin, Boyd, "Enhancing
-sparsity by reweighted ℓ1 minimization", J. Fourier Anal. Appl. 2008; the square and the average are measured,
-and gain with ties only. Each pass is convex, the whole is not: objective, gap and stopping rule are those of
-the last pass.
+there (see `optimisation.ties`). Samples that the first map does not explain lose weight: deconvolution would
+fit them by swings, and the weights would take these for edges. Where the first map swings even so, the
+following passes are not weighted, and smooth more (see `optimisation.swings`). Source: Candès, Wakin, Boyd,
+"Enhancing sparsity by reweighted ℓ1 minimization", J. Fourier Anal. Appl. 2008; the square and the average
+are measured, and gain with ties only. Each pass is convex, the whole is not: objective, gap and stopping rule
+are those of the last pass.
 """
 
 from collections.abc import Callable
@@ -21,15 +21,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.kernels import learning as kernels
-from solver.kernels import team
 from solver.kernels.smoothing import gaussian
-from solver.memory_gradient import Memory, Outcome, State, Term, minimise, start, start_at
+from solver.optimisation.memory_gradient import Memory, Outcome, State, Term, minimise, start, start_at
+from solver.optimisation.prior import Prior
+from solver.optimisation.slope import slope
+from solver.optimisation.swings import find_swings
+from solver.optimisation.ties import Ties
 from solver.options import FusionOptions
-from solver.prior import Prior
 from solver.result import Progress
-from solver.slope import slope
-from solver.swings import find_swings
-from solver.ties import Ties
+from solver.runtime import team
 
 _AROUND = 0.7
 """Deviation of the Gaussian that averages ‖∇X − s‖, fused pixels."""
@@ -58,7 +58,7 @@ class Reweighting:
         gain: factor on λ where the map is flat.
         epsilon: ‖∇X − s‖ at which ρ is a half, in units of λ.
         edge: ‖∇X‖ from which a pixel has no say in the slope, in units of λ.
-        tie, across: strength and δ of the ties, see `solver.ties`, in units of λ.
+        tie, across: strength and δ of the ties, see `solver.optimisation.ties`, in units of λ.
         tolerance: of all passes but the last, which only have to find the edges.
         smoother: factor on λ where the first map swings; None = swings are not looked for.
         outvoted: part of the map up to which samples in swings are distrusted too: most around are right.

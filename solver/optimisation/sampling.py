@@ -9,15 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.certificate import slope
 from solver.errors import FusionInputError
 from solver.kernels import bound as bounds
 from solver.kernels import sparse as kernels
-from solver.kernels import team
 from solver.kernels.prior import PAD
-from solver.memory_gradient import Operator, State
-from solver.padding import padded
-from solver.prior import Prior
+from solver.optimisation.certificate import slope
+from solver.optimisation.memory_gradient import Operator, State
+from solver.optimisation.padding import padded
+from solver.optimisation.prior import Prior
+from solver.runtime import team
 
 _SWEEPS = 8
 """Of the Poisson equation for what the duals leave at unseen pixels, gaps of a few pixels: 16 close the gap

@@ -5,9 +5,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solver.errors import FusionInputError
-from solver.kernels import team
+from solver.geometry.lens import camera_matrix, lens_coefficients, pixel_rays, tilt_matrix
 from solver.kernels.lens import distort
-from solver.lens import camera_matrix, lens_coefficients, pixel_rays, tilt_matrix
+from solver.runtime import team
 
 
 def sample_positions(

@@ -7,18 +7,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solver import checks
-from solver import noise as noise_law
+from solver.completion.complete import complete
 from solver.errors import FusionInputError, RegistrationError
-from solver.following import Follower
 from solver.fusion import resolve, warn_unconverged
+from solver.geometry.poses import Pose, PoseSpace, central
 from solver.methods import load
 from solver.options import FusionOptions
-from solver.poses import Pose, PoseSpace, central
-from solver.preparation import complete
-from solver.problem import Solution
+from solver.preparation import noise as noise_law
+from solver.preparation.problem import Solution
 from solver.result import Fused, Report, Seconds
-from solver.threads import enough_threads
-from solver.window import Window
+from solver.runtime.threads import enough_threads
+from solver.stream.following import Follower
+from solver.stream.window import Window
 
 _LOST = 5
 """Frames in a row that do not fit, after which the scene is taken for another one."""
@@ -31,7 +31,7 @@ class SlidingFusion:
     newest frame overlaps it by less than half; then the grid moves to the newest frame and the notes of
     the report say so. A map that starts from the one before is not certified: its report has no gap.
 
-    A full window of at least 8 frames is solved anew only now and then (see `solver.window`). Between, one
+    A full window of at least 8 frames is solved anew only now and then (see `stream.window`). Between, one
     frame is exchanged and a few iterations follow the data; `converged` says whether those were enough.
 
     Args:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.kernels import slope as kernels
-from solver.kernels import team
 from solver.kernels.smoothing import gaussian
+from solver.runtime import team
 
 _REACH = 5.0
 """Deviation of the Gaussian that averages slopes, fused pixels: over one low-resolution pixel at ×4.

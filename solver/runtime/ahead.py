@@ -25,7 +25,7 @@ from typing import Any, TextIO
 from numba.core import sigutils, types
 from numba.core.registry import cpu_target
 
-from solver.kernels.caching import KernelCache
+from solver.runtime.caching import KernelCache
 
 TABLE = Path(__file__).with_name("signatures.json")
 
@@ -36,7 +36,7 @@ _MOST = 8
 """Processes; each takes 200 MB, and the longest kernel a tenth of the time of all."""
 
 _CODE = (
-    "import sys; sys.path[:] = {path!r}; from solver.kernels.ahead import serve; serve(sys.stdin, sys.stdout)"
+    "import sys; sys.path[:] = {path!r}; from solver.runtime.ahead import serve; serve(sys.stdin, sys.stdout)"
 )
 
 _log = logging.getLogger(__name__)

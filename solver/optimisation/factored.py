@@ -5,7 +5,7 @@
 
 over pairs of neighbours, w one over their distance, s the inverse of the variance of a sample's component, so
 that the first sum is the true log-likelihood: its weight grows with N and falls with the noise by itself. The
-tilt is what the slope of the surroundings foretells (see `solver.slope`), the slope of 1 / φ, which is the
+tilt is what the slope of the surroundings foretells (see `optimisation.slope`), that of 1 / φ, which is the
 same all over a plane. Print changes l and leaves φ; a pair's tail ties along an edge and frees across it.
 Where the amplitude steps, a step of the distance is more likely, so its penalty is eased: else a dark thing
 is drawn to what is bright around it. |Z| is that of the darker one of the two.
@@ -22,13 +22,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.footprint import AreaTerm
 from solver.kernels import factored as kernels
-from solver.kernels import newton, pairs, team
+from solver.kernels import newton, pairs
 from solver.kernels.prior import PAD
+from solver.optimisation.footprint import AreaTerm
+from solver.optimisation.padding import padded
+from solver.optimisation.slope import slope
 from solver.options import NEIGHBOURHOOD, Offset
-from solver.padding import padded
-from solver.slope import slope
+from solver.runtime import team
 
 Image = NDArray[np.floating]
 

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.kernels import reason as kernels
-from solver.problem import Problem
+from solver.preparation.problem import Problem
 
 MEASURED, FILLED, DARK, SATURATED, CONTRADICTED, OUTSIDE = range(6)
 """Known from samples, filled from the pixels around; unknown: too little light, too much, frames that

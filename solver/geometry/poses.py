@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.positions import rotation_matrix, rotation_vector, sample_positions
+from solver.geometry.positions import rotation_matrix, rotation_vector, sample_positions
 
 Pose = NDArray[np.float64]
 """(2,): (dy, dx) in low-resolution pixels; or (3,): a rotation vector, radians."""

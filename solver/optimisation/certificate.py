@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.kernels import dual as duals
-from solver.kernels import team
+from solver.runtime import team
 
 _SMALL = 100_000
 """Pixels up to which one thread transforms faster than two."""

@@ -4,7 +4,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solver.errors import FusionInputError
-from solver.lens import camera_matrix, lens_coefficients, pixel_rays, ray_lengths, rays_through, tilt_matrix
+from solver.geometry.lens import (
+    camera_matrix,
+    lens_coefficients,
+    pixel_rays,
+    ray_lengths,
+    rays_through,
+    tilt_matrix,
+)
 
 
 def depth_from_distance(
@@ -86,8 +93,8 @@ def rotations_to_shifts(
     Raises:
         FusionInputError: not (N, 3), bad intrinsics or distortion.
     """
+    from solver.geometry.positions import rotation_matrix
     from solver.kernels.lens import distort  # only here: Numba takes long to import
-    from solver.positions import rotation_matrix
 
     turns = np.asarray(rotations, dtype=np.float64)
     if turns.ndim != 2 or turns.shape[1] != 3:

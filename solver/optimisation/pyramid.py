@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.fill import smoothed
-from solver.memory_gradient import minimise, start
-from solver.padding import cropped
-from solver.prior import Prior
-from solver.sampling import SparseTerm
+from solver.optimisation.fill import smoothed
+from solver.optimisation.memory_gradient import minimise, start
+from solver.optimisation.padding import cropped
+from solver.optimisation.prior import Prior
+from solver.optimisation.sampling import SparseTerm
 
 _LEAST = 4
 """Cells across the shorter side of the coarsest grid."""

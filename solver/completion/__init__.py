@@ -1,0 +1,1 @@
+"""From a method's solution to the finished map: filling, deviation, reasons for unknown pixels."""

@@ -1,0 +1,1 @@
+"""Where pixels look: positions, rotations, the lens, and points in space."""

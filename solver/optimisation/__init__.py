@@ -1,0 +1,1 @@
+"""What is minimised and how: data terms, priors, and the iterations."""

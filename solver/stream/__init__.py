@@ -1,0 +1,1 @@
+"""A map for every frame, of a window of the last ones."""
