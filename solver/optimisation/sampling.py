@@ -70,8 +70,6 @@ class SparseTerm:
         self._weight, self._mean = _pad(weight), _pad(mean)
         self._twice = 2 * self._weight
         self._constant = constant
-        seen = mean[weight > 0]
-        self._low, self._high = float(seen.min()), float(seen.max())
 
     @property
     def curvature(self) -> NDArray[np.floating]:
@@ -91,8 +89,8 @@ class SparseTerm:
         phi = bounds.potential(slope(dual, prior.weights)[0], self._weight, _SWEEPS)
         team.share(bounds.correct, dual[0], phi, prior.weights[:2].astype(dual.dtype), state.radius)
         tilt = slope(dual, prior.weights)[0]
-        sums = np.zeros(len(tilt))
-        team.share(bounds.least, tilt, self._weight, self._mean, self._low, self._high, sums)
+        seen, sums = self._mean[self._weight > 0], np.zeros(len(tilt))
+        team.share(bounds.least, tilt, self._weight, self._mean, float(seen.min()), float(seen.max()), sums)
         return self.value(state.x), float(sums.sum()) + self._constant
 
 
