@@ -1,5 +1,6 @@
 """`lidarboost run`: the service itself."""
 
+import gc
 import logging
 import os
 import sys
@@ -159,6 +160,8 @@ def _served(
 
     def started(daemon: "Daemon") -> None:
         parting.daemon = daemon
+        # A collection that walks through all that was imported takes longer than a camera's buffers last.
+        daemon.on_ready = gc.freeze
         signals.stops(daemon.stop.set)
         signals.reloads(Reloading(daemon, read).begin)
 
