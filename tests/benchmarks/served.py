@@ -69,10 +69,20 @@ def rig(folder: Path, *lines: str) -> Iterator[tuple[str, Path]]:
     yield endpoint, config
 
 
-def served(folder: Path, seconds: float, *lines: str) -> tuple[dict[str, Any], list[Heard]]:
-    """Run a daemon for so long after its first map; its summary, and what a subscriber saw."""
+def served(
+    folder: Path, seconds: float, *lines: str, output: Path | None = None
+) -> tuple[dict[str, Any], list[Heard]]:
+    """Run a daemon for so long after its first map; its summary, and what a subscriber saw.
+
+    Args:
+        folder: for its configuration.
+        seconds: how long.
+        lines: of its configuration.
+        output: of its pictures and `fused.mcap`; None = neither.
+    """
     with rig(folder, *lines) as (endpoint, config):
         command = [*LIDARBOOST, "run", str(config), "--json"]
+        command += [] if output is None else ["--output", str(output)]
         subscribe = [sys.executable, "-c", SUBSCRIBER, endpoint]
         began = time.time()
         lines_heard = folder / "heard.jsonl"
