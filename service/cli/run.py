@@ -150,7 +150,7 @@ def _served(
     from service.capture.configured import make_rig
     from service.cli.operator import TerminalOperator
     from service.cli.progress import progress_sink
-    from service.daemon.logs import log_to_stream
+    from service.daemon.log_stream import log_to_stream
     from service.daemon.reloading import Reloading
     from service.daemon.run import run_service
 
