@@ -1,6 +1,6 @@
 """What the service adds to the solver.
 
-`python tests/benchmarks/daemon_rates.py [--minutes 1] [--only stream,scan,once,command,commands]`
+`python tests/benchmarks/daemon_rates.py [--minutes 1] [--only stream,scan,record,once,command,commands]`
 
 Each row runs the command `lidarboost run` as a user would, with a subscriber in a process of its own:
 
@@ -8,6 +8,7 @@ Each row runs the command `lidarboost run` as a user would, with a subscriber in
   the window has been full twice, and how long the first map and that took;
 - scan: bursts of 15 frames at 5 ms, recording; from the last exposure to the map decoded by the subscriber,
   what of that is not the solver's, and whether the fusion keeps up;
+- record: bursts of a camera that nothing turns, recorded, fused and drawn; frames dropped;
 - once: a long recording as fast as it goes, with and without pictures, in times real time;
 - command: `run --replay recordings/wedges.mcap --once`, whole, with picture, caches warm;
 - commands: how soon such are answered that touch no device, under full load, and with a stuck camera.
@@ -27,6 +28,8 @@ from statistics import median
 
 from commanded import answers, told
 from served import LIDARBOOST, ROOT, rig, served
+
+from drivers.recording import open_recording
 
 WARM = 30
 """Maps until the window of a stream has been full twice: its first frames are solved from nothing."""
@@ -91,7 +94,31 @@ def scan(folder: Path, seconds: float) -> Iterator[str]:
         )
 
 
-def once(folder: Path, bursts: int = 40) -> Iterator[str]:
+def record(folder: Path, seconds: float) -> Iterator[str]:
+    """Bursts of 15 frames of a camera that nothing turns, with pictures: every frame is to be recorded."""
+    kept = folder / "kept"
+    summary, heard = served(
+        folder,
+        seconds,
+        *CAMERA,
+        "integration_time = 0.00475",
+        "[fusion]",
+        'method = "lidarboost"',
+        "[recording]",
+        "enabled = true",
+        f'directory = "{kept}"',
+        output=folder / "out",
+    )
+    recorded = sum(open_recording(path).frame_count for path in kept.glob("*.mcap"))
+    pictures = sum(1 for _ in (folder / "out").glob("*.png"))
+    yield (
+        f"record: {summary['frames']} frames, {summary['dropped_frames']} dropped by the camera (0), "
+        f"{recorded} recorded; {summary['maps']} of {summary['bursts']} bursts fused, {len(heard)} maps "
+        f"received, {pictures} pictures; lost: {summary['lost'] or 'nothing'}"
+    )
+
+
+def once(folder: Path, bursts: int = 120) -> Iterator[str]:
     """A long recording to its end."""
     recording = folder / "long.mcap"
     subprocess.run(
@@ -174,12 +201,13 @@ def main() -> None:
         "--minutes", type=float, default=1.0, help="for how long a daemon runs; 10 for the targets"
     )
     parser.add_argument(
-        "--only", default="stream,scan,once,command,commands", help="rows, with commas between"
+        "--only", default="stream,scan,record,once,command,commands", help="rows, with commas between"
     )
     chosen = parser.parse_args()
     rows = {
         "stream": lambda folder: stream(folder, 60 * chosen.minutes),
         "scan": lambda folder: scan(folder, 60 * chosen.minutes),
+        "record": lambda folder: record(folder, 60 * chosen.minutes),
         "once": once,
         "command": command,
         "commands": commands,
