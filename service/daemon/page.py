@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Event, Thread
 
-from service.config.sections import Configuration, WebSection
+from service.config.sections import Configuration
+from service.config.served import WebSection
 from service.daemon.states import States
 from service.errors import WorkerError
 from service.processes.worker import Worker

@@ -2,16 +2,15 @@
 
 import logging
 import time
-from collections import deque
-from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
-from threading import Condition, Event, Thread
+from threading import Event, Thread
 from typing import Self
 
 from service.errors import ClusterError, WorkerError
 from service.fusion.deadline import Deadline
-from service.fusion.job import BurstJob, Iterating, Job, WarmUp
+from service.fusion.job import BurstJob, Job, WarmUp
+from service.fusion.jobs import JobQueue, Listener, Queued
 from service.fusion.link import Link
 from service.fusion.local import LocalExecutor
 from service.messages.map import FusedMap
@@ -26,9 +25,6 @@ _RETRY = 5.0
 
 _FLOOR = 15.0
 """Seconds that any burst may take there: others' may go first, and a new worker loads its kernels."""
-
-Listener = Callable[[Iterating], None]
-_Item = tuple[BurstJob, Future[FusedMap], Listener]
 
 _log = logging.getLogger(__name__)
 
@@ -49,9 +45,7 @@ class ClusterExecutor:
     def __init__(self, local: LocalExecutor, address: str, warm: WarmUp) -> None:
         self._local, self._address, self._warm = local, address, warm
         self._deadline = Deadline(_FLOOR)
-        self._jobs: deque[_Item] = deque()
-        self._changed = Condition()
-        self._closing = False
+        self._jobs = JobQueue[BurstJob]()
         self._at_work = self._fused = self._returned = 0
         self._link: Link | None = None
         self._error: str | None = None
@@ -86,17 +80,11 @@ class ClusterExecutor:
         """Queue a job; `iterating` hears of what is fused on this machine."""
         if not isinstance(job, BurstJob):
             return self._local.submit(job, iterating)
-        future: Future[FusedMap] = Future()
-        with self._changed:
-            waiting = [item for item in self._jobs if not item[1].cancelled()]
-            self._jobs = deque([*waiting, (job, future, iterating)])
-            self._changed.notify_all()
-        return future
+        return self._jobs.put(job, iterating)
 
     @property
     def state(self) -> FusionState:
         link, local = self._link, self._local.state
-        waiting = sum(not future.cancelled() for _, future, _ in list(self._jobs))
         cluster = ClusterState(
             address=self._address,
             workers=0 if link is None else link.workers,
@@ -104,44 +92,41 @@ class ClusterExecutor:
             returned=self._returned,
             error=self._error,
         )
-        said = {"backlog": local.backlog + waiting, "cluster": cluster}
+        said = {"backlog": local.backlog + self._jobs.waiting, "cluster": cluster}
         return local.model_copy(update=said | {"executor": "local" if link is None else "cluster"})
 
     def close(self) -> None:
-        with self._changed:
-            self._closing = True
-            self._changed.notify_all()
+        self._jobs.close()
         self._local.close()
         for thread in self._threads:
             thread.join(1.0)
-        for _, future, _ in self._jobs:
-            future.cancel()
+        self._jobs.cancel()
 
     def _keep(self) -> None:
         """Reach the cluster, and look after it, again and again."""
-        while not self._closing:
+        while not self._jobs.closed:
             try:
                 self._use_cluster()
             except ClusterError as error:
                 self._tell_loss(str(error))
             except Exception as error:  # the library's own; the cluster is asked for again
                 self._tell_loss(f"{self._address}: {type(error).__name__}: {error}")
-            with self._changed:
-                self._changed.wait_for(lambda: self._closing, _RETRY)
+            with self._jobs.changed:
+                self._jobs.changed.wait_for(lambda: self._jobs.closed, _RETRY)
 
     def _use_cluster(self) -> None:
         with connected(self._address) as client:
-            link = Link(client, self._address, lambda: self._closing)
+            link = Link(client, self._address, lambda: self._jobs.closed)
             link.warm_up(self._warm)
-            with self._changed:
+            with self._jobs.changed:
                 self._link, self._error = link, None
-                self._changed.notify_all()
+                self._jobs.changed.notify_all()
             _log.info("%s: bursts are fused by the cluster, %d workers", self._address, link.workers)
             try:
-                while not self._closing:
+                while not self._jobs.closed:
                     link.look()
-                    with self._changed:
-                        self._changed.wait_for(lambda: self._closing or link.lost is not None, _LOOK)
+                    with self._jobs.changed:
+                        self._jobs.changed.wait_for(lambda: self._jobs.closed or link.lost is not None, _LOOK)
                     if link.lost is not None:
                         raise ClusterError(link.lost)
             except ClusterError as error:
@@ -150,14 +135,14 @@ class ClusterExecutor:
 
     def _leave(self, link: Link, why: str) -> None:
         """Use it no more: what is being fused there is fused here."""
-        with self._changed:
+        with self._jobs.changed:
             link.lost = link.lost or why
             if self._link is link:
                 self._link = None
-            self._changed.notify_all()
+            self._jobs.changed.notify_all()
 
     def _tell_loss(self, why: str) -> None:
-        if self._closing or why == self._error:
+        if self._jobs.closed or why == self._error:
             return
         self._error = why
         _log.warning("%s; bursts are fused on this machine meanwhile", why)
@@ -165,47 +150,33 @@ class ClusterExecutor:
     def _dispatch(self) -> None:
         turn = Event()
         turn.set()
-        while (item := self._next()) is not None:
-            if item[1].set_running_or_notify_cancel():
-                before, turn = turn, Event()
-                Thread(target=self._serve, args=(*item, before, turn), name="burst", daemon=True).start()
-            else:
-                self._count(-1)
-
-    def _next(self) -> _Item | None:
-        with self._changed:
-            self._changed.wait_for(
-                lambda: self._closing or (bool(self._jobs) and self._at_work < self._slots)
-            )
-            if self._closing:
-                return None
-            self._at_work += 1
-            return self._jobs.popleft()
+        while (queued := self._jobs.take(lambda: self._at_work < self._slots)) is not None:
+            self._count(1)
+            before, turn = turn, Event()
+            Thread(target=self._serve, args=(queued, before, turn), name="burst", daemon=True).start()
 
     @property
     def _slots(self) -> int:
         return 1 if self._link is None else max(1, self._link.workers)
 
     def _count(self, more: int) -> None:
-        with self._changed:
+        with self._jobs.changed:
             self._at_work += more
-            self._changed.notify_all()
+            self._jobs.changed.notify_all()
 
-    def _serve(
-        self, job: BurstJob, future: "Future[FusedMap]", iterating: Listener, before: Event, after: Event
-    ) -> None:
+    def _serve(self, queued: Queued[BurstJob], before: Event, after: Event) -> None:
         """Do a job; what comes of it is told once that of the job before was."""
         found: FusedMap | Exception
         try:
-            found = self._done(job, iterating)
+            found = self._done(queued.job, queued.iterating)
         except Exception as error:
             found = error
         before.wait()
         try:
             if isinstance(found, Exception):
-                future.set_exception(found)
+                queued.future.set_exception(found)
             else:
-                future.set_result(found)
+                queued.future.set_result(found)
         finally:
             after.set()
             self._count(-1)
@@ -216,7 +187,7 @@ class ClusterExecutor:
             try:
                 return self._fused_there(link, job)
             except ClusterError as error:
-                if self._closing:
+                if self._jobs.closed:
                     raise WorkerError("the fusion is closed") from error
                 self._leave(link, str(error))
                 self._returned += 1

@@ -2,17 +2,16 @@
 
 import logging
 import time
-from collections import deque
-from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
-from threading import Condition, Thread
+from threading import Thread
 from typing import Self
 
 from service.config.sections import FusionSection
 from service.errors import HungError, WorkerError
 from service.fusion.deadline import Deadline
-from service.fusion.job import Answer, Compiling, Failure, Iterating, Job, Ready, WarmUp
+from service.fusion.job import Answer, Compiling, Failure, Job, Ready, WarmUp
+from service.fusion.jobs import JobQueue, Listener
 from service.fusion.process import fusion_process
 from service.fusion.spare import Spare
 from service.messages.map import FusedMap
@@ -31,9 +30,6 @@ _STARTS = 3
 
 _PROVEN = 3
 """Maps after which a spare one is made ready: the first ones shall not wait for it."""
-
-Listener = Callable[[Iterating], None]
-"""Told how far the solver is."""
 
 _log = logging.getLogger(__name__)
 
@@ -62,13 +58,11 @@ class LocalExecutor:
         self._spare = Spare(self._request) if spare else None
         self._answered = 0
         self._worker = fusion_process() if worker is None else worker
-        self._worker.cancelled = lambda: self._closing
+        self._worker.cancelled = lambda: self._jobs.closed
         self._deadline = Deadline()
-        self._jobs: deque[tuple[Job, Future[FusedMap], Listener]] = deque()
-        self._changed = Condition()
+        self._jobs = JobQueue[Job]()
         self._restarts = self._hung = 0
         self._error: str | None = None
-        self._closing = False
         self._told = time.monotonic()
         self.progress = "loads its kernels"
         """What it does until it is ready, in words."""
@@ -85,18 +79,12 @@ class LocalExecutor:
 
     def submit(self, job: Job, iterating: Listener = lambda _: None) -> "Future[FusedMap]":
         """Queue a job; `iterating` is called in this executor's thread."""
-        future: Future[FusedMap] = Future()
-        with self._changed:
-            waiting = [item for item in self._jobs if not item[1].cancelled()]
-            self._jobs = deque([*waiting, (job, future, iterating)])
-            self._changed.notify_all()
-        return future
+        return self._jobs.put(job, iterating)
 
     @property
     def state(self) -> FusionState:
-        waiting = sum(not future.cancelled() for _, future, _ in list(self._jobs))
         return FusionState(
-            backlog=waiting,
+            backlog=self._jobs.waiting,
             restarts=self._restarts,
             hung=self._hung,
             spare=self.spare_pid is not None,
@@ -114,15 +102,12 @@ class LocalExecutor:
         return None if self._spare is None else self._spare.pid
 
     def close(self) -> None:
-        with self._changed:
-            self._closing = True
-            self._changed.notify_all()
+        self._jobs.close()
         if self._spare is not None:
             self._spare.close()
         self._worker.kill()
         self._thread.join(1.0)
-        for _, future, _ in self._jobs:
-            future.cancel()
+        self._jobs.cancel()
 
     def _run(self) -> None:
         fatal: Exception | None = None
@@ -131,19 +116,12 @@ class LocalExecutor:
         except Exception as error:  # whatever it is, whoever waits must hear of it
             fatal = error
             self.ready.set_exception(error)
-        while (item := self._next()) is not None:
-            job, future, iterating = item
-            if future.set_running_or_notify_cancel():
-                try:
-                    future.set_result(self._done(job, iterating, fatal))
-                except Exception as error:
-                    future.set_exception(error)
+        while (queued := self._jobs.take()) is not None:
+            try:
+                queued.future.set_result(self._done(queued.job, queued.iterating, fatal))
+            except Exception as error:
+                queued.future.set_exception(error)
         self._worker.kill()
-
-    def _next(self) -> "tuple[Job, Future[FusedMap], Listener] | None":
-        with self._changed:
-            self._changed.wait_for(lambda: self._closing or bool(self._jobs))
-            return None if self._closing else self._jobs.popleft()
 
     def _done(self, job: Job, iterating: Listener, fatal: Exception | None) -> FusedMap:
         """A job's map; tried once more where the process died or hung over it."""
@@ -176,13 +154,13 @@ class LocalExecutor:
         return replace(answer, report=answer.report.model_copy(update={"latency": latency}))
 
     def _renew(self, job: Job, error: WorkerError) -> None:
-        if self._closing:
+        if self._jobs.closed:
             raise error
         self._restarts += 1
         self._hung += isinstance(error, HungError)
         self._error = str(error)
         self._answered = 0
-        spare = None if self._spare is None else self._spare.take(lambda: self._closing)
+        spare = None if self._spare is None else self._spare.take(lambda: self._jobs.closed)
         if spare is None:
             _log.error("%s over number %d; it is started again", error, job.number)
             self._start()
@@ -190,7 +168,7 @@ class LocalExecutor:
         _log.error("%s over number %d; the spare one takes its place", error, job.number)
         self._worker.kill()
         self._worker = spare
-        if self._closing:
+        if self._jobs.closed:
             spare.kill()
 
     def _compiling(self, so_far: Compiling) -> None:
@@ -209,7 +187,7 @@ class LocalExecutor:
                     self._worker.start()
                 answer: Answer = self._worker.ask(self._request, _START_TIMEOUT, self._compiling)
             except WorkerError as error:
-                if attempt == _STARTS or self._closing:
+                if attempt == _STARTS or self._jobs.closed:
                     self._worker.kill()
                     raise
                 self._restarts += 1

@@ -8,7 +8,7 @@ from service.fusion.answering import warm_up
 from service.fusion.fuse import fuse_burst
 from service.fusion.job import BurstJob, Failure, WarmUp
 from service.messages.map import FusedMap
-from service.processes.threads import solver_threads
+from service.processes.guest import as_guest
 from service.versions import software_version
 from solver.errors import FusionError
 
@@ -34,11 +34,15 @@ def answer_there(version: str, request: bytes) -> FusedMap | Failure | None:
     if version != software_version():
         raise ClusterError(f"a worker has lidarboost {software_version()}, this is {version}")
     asked: BurstJob | WarmUp = pickle.loads(request)
-    with _one, solver_threads(1):
-        try:
-            if isinstance(asked, WarmUp):
-                warm_up(asked)
-                return None
-            return fuse_burst(asked.burst, asked.settings)
-        except FusionError as error:
-            return Failure(str(error))
+    with _one:
+        return as_guest(lambda: _answer(asked))
+
+
+def _answer(asked: BurstJob | WarmUp) -> FusedMap | Failure | None:
+    try:
+        if isinstance(asked, WarmUp):
+            warm_up(asked)
+            return None
+        return fuse_burst(asked.burst, asked.settings)
+    except FusionError as error:
+        return Failure(str(error))

@@ -10,7 +10,7 @@ from typing import Any
 from service.errors import ClusterError, ClusterLostError
 from service.jobs.task import FileResult, FuseTask, attempted, failed
 from service.processes.cluster import connected, within, workers_of
-from service.processes.threads import solver_threads
+from service.processes.guest import as_guest
 
 _LOOK = 5.0
 """Seconds without a result after which the scheduler is asked whether it is there."""
@@ -51,8 +51,7 @@ def fuse_on_cluster(tasks: Sequence[FuseTask], address: str) -> Iterator[FileRes
 
 def fuse_alone(task: FuseTask) -> FileResult:
     """On a worker: a recording's result, with one thread of the solver for each of the worker's own."""
-    with solver_threads(1):
-        return attempted(task)
+    return as_guest(lambda: attempted(task))
 
 
 def _next(done: Queue[Any], client: Any, address: str) -> Any:

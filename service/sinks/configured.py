@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from service.config.sections import SinkSection
+from service.config.served import SinkSection
 from service.errors import ConfigurationError
 from service.sinks.sink import Sink
 

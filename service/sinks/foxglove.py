@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from drivers.messages import Message
-from service.config.sections import FoxgloveSection
+from service.config.served import FoxgloveSection
 from service.errors import ConfigurationError, OutputError
 from service.messages.encoding import event_messages
 from service.messages.events import Event, FrameCaptured, MapFused, ReplayTold

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.calibration import Calibration
-from service.config.sections import Ros2Section
+from service.config.served import Ros2Section
 from service.errors import ConfigurationError
 from service.messages.encoding import fused_calibration
 from service.messages.events import (

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from pydantic import Field
 
-from service.config.sections import WebSection
+from service.config.served import WebSection
 from service.wire.addresses import DEFAULT_ENDPOINT, DEFAULT_PREFIX
 
 

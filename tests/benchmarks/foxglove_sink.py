@@ -21,7 +21,8 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "service")]
 
 from drivers.calibration import sr3000_calibration  # noqa: E402
 from drivers.frame import Frame  # noqa: E402
-from service.config.sections import FoxgloveSection, FusionSection  # noqa: E402
+from service.config.sections import FusionSection  # noqa: E402
+from service.config.served import FoxgloveSection  # noqa: E402
 from service.fusion.fuse import fuse_burst  # noqa: E402
 from service.messages.burst import Burst  # noqa: E402
 from service.messages.encoding import event_messages  # noqa: E402

@@ -21,7 +21,7 @@ def until(happened: Callable[[], bool], seconds: float = 90.0) -> None:
 
 
 class DaskCluster:
-    """As `dask scheduler` and `dask worker` make one; no nannies, so that what is killed stays dead."""
+    """As `dask scheduler` and `dask worker` make one; without nannies what is killed stays dead."""
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._file = folder, folder / "scheduler.json"
@@ -36,10 +36,11 @@ class DaskCluster:
         place = ("--host", "127.0.0.1", "--port", port, "--no-dashboard")
         self.scheduler = self._start("dask_scheduler", *place, "--scheduler-file", self._file)
 
-    def start_worker(self, path: Path = ROOT) -> Process:
+    def start_worker(self, path: Path = ROOT, *, nanny: bool = False) -> Process:
         """One more, with one thread; `path` goes before the source tree."""
-        words = ("--nthreads", "1", "--no-nanny", "--no-dashboard", "--local-directory", self._folder)
-        return self._start("dask_worker", self.address, *words, path=path)
+        words = ("--nthreads", "1", "--no-dashboard", "--local-directory", self._folder)
+        more = () if nanny else ("--no-nanny",)
+        return self._start("dask_worker", self.address, *words, *more, path=path)
 
     def _start(self, module: str, *words: object, path: Path = ROOT) -> Process:
         environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(path), str(ROOT)))}
@@ -54,16 +55,18 @@ class DaskCluster:
 
 
 @contextmanager
-def dask_cluster(folder: Path, workers: int, path: Path = ROOT) -> Iterator[DaskCluster]:
+def dask_cluster(
+    folder: Path, workers: int, path: Path = ROOT, *, nannies: bool = False
+) -> Iterator[DaskCluster]:
     folder.mkdir()
     cluster = DaskCluster(folder)
     try:
         for _ in range(workers):
-            cluster.start_worker(path)
+            cluster.start_worker(path, nanny=nannies)
         if workers:
             until(lambda: (folder / "0.log").read_text().count("Register worker") == workers)
         yield cluster
     finally:
-        for process in cluster.processes:
-            process.kill()
+        for process in reversed(cluster.processes):
+            process.terminate() if nannies else process.kill()  # a nanny ends its worker
             process.wait()

@@ -10,7 +10,8 @@ import zenoh
 
 from drivers import Frame
 from drivers.calibration import Calibration, Intrinsics, Mount
-from service.config.sections import FusionSection, Ros2Section
+from service.config.sections import FusionSection
+from service.config.served import Ros2Section
 from service.fusion.fuse import fuse_burst
 from service.messages.burst import Burst
 from service.messages.events import DevicesOpened, FrameCaptured, MapFused, StatusTold

@@ -15,7 +15,7 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from websockets.exceptions import InvalidHandshake
 
 from drivers.messages import decode_image
-from service.config.sections import FoxgloveSection
+from service.config.served import FoxgloveSection
 from service.errors import ConfigurationError, OutOfRangeError, OutputError
 from service.messages.events import FrameCaptured, MapFused, ReplayTold
 from service.messages.map import FusedMap

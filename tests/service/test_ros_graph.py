@@ -10,7 +10,7 @@ from ros_rig import client, events, free_endpoint, ros_rig
 from ruamel.yaml import YAML
 
 from service.config.file import load
-from service.config.sections import Ros2Section
+from service.config.served import Ros2Section
 from service.doctor.ros2 import check_ros2
 from service.errors import ConfigurationError
 from service.messages.ros.topics import ROS_TOPICS
