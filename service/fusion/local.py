@@ -19,9 +19,6 @@ from service.messages.status import FusionState
 from service.processes.worker import Worker
 from solver.errors import FusionError
 
-_START_TIMEOUT = 600.0
-"""Seconds to import and compile the kernels: a few; a minute or more where nothing is cached yet."""
-
 _BETWEEN_WORDS = 3.0
 """Seconds between two words on how many kernels are compiled; loading all of them takes less."""
 
@@ -134,7 +131,7 @@ class LocalExecutor:
         except WorkerError as error:
             self._renew(job, error)
         try:
-            return self._asked(job, iterating, job.settings.timeout)
+            return self._asked(job, iterating, self._deadline.again(job))
         except WorkerError as error:
             self._renew(job, error)
             raise
@@ -185,12 +182,13 @@ class LocalExecutor:
             try:
                 if not self._worker.is_fresh:
                     self._worker.start()
-                answer: Answer = self._worker.ask(self._request, _START_TIMEOUT, self._compiling)
+                answer: Answer = self._worker.ask(self._request, self._deadline.of_start(), self._compiling)
             except WorkerError as error:
                 if attempt == _STARTS or self._jobs.closed:
                     self._worker.kill()
                     raise
                 self._restarts += 1
+                self._hung += isinstance(error, HungError)
                 _log.error("%s; starting it again", error)
                 continue
             if isinstance(answer, Failure):
@@ -199,6 +197,7 @@ class LocalExecutor:
             if not isinstance(answer, Ready):
                 self._worker.kill()
                 raise WorkerError("the fusion process answers as another version would: install it anew")
+            self._deadline.learn_start(answer.seconds)
             _log.info("fusion ready after %.1f s", answer.seconds)
             return answer.seconds
         raise AssertionError("unreachable")

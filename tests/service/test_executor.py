@@ -118,6 +118,30 @@ def test_a_stopped_process_is_noticed_and_costs_no_burst(started: LocalExecutor,
         os.kill(pid, signal.SIGCONT) if started.pid == pid else None
 
 
+def test_a_process_that_hangs_while_it_starts_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.fusion.deadline._LEAST_START", 2.0)
+    executor = LocalExecutor(SETTINGS)
+    try:
+        executor.ready.result(120)
+        executor._deadline.learn_start(0.4)
+        first = executor.pid
+        assert first is not None
+        os.kill(first, signal.SIGKILL)
+        future = executor.submit(job(5))
+        end = time.monotonic() + 60
+        while (second := executor.pid) in (None, first):
+            assert time.monotonic() < end
+            time.sleep(0.001)
+        assert second is not None
+        os.kill(second, signal.SIGSTOP)
+        assert future.result(60).report.burst == 5
+        assert executor.pid not in (first, second)
+        assert executor.state.restarts >= 2
+        assert executor.state.hung >= 1
+    finally:
+        executor.close()
+
+
 def test_a_burst_that_kills_twice_fails_and_the_next_is_fused(started: LocalExecutor) -> None:
     before = started.state.restarts
     bad, good = started.submit(job(0, Deadly)), started.submit(job(1))
