@@ -53,6 +53,36 @@ def error(history, count, least):  # type: ignore[no-untyped-def]
     return later * max(1.0, 3 * ratio / (1 - ratio))
 
 
+@njit(cache=True)
+def decide(own, count, sums, fit, dd, epsilon, rule):  # type: ignore[no-untyped-def]
+    """The end of an iteration: the step in the plane of the two directions, ε, and whether to stop.
+
+    Args:
+        own: objectives by iteration; the one of this is put in its place, count.
+        sums: (rows, 11), see `walk`.
+        fit: value of the data term.
+        dd: the last step's ⟨d, Hd⟩.
+        epsilon: ε.
+        rule: as for `iterate`.
+
+    Returns:
+        the factors of direction and last step, and what becomes of fit, dd and epsilon; 1 = settled.
+    """
+    tolerance, hide, fall_of_epsilon, patience, _, span = rule
+    roughness, hidden, along, across, data_along, data_across, lzz, lzd, ldd, zz, zd = _total(sums)
+    a, b = least(along, across, lzz + zz, lzd + zd, ldd + dd)
+    value = fit + roughness
+    own[count] = value
+    # The new step's product with the data's operator follows from those of the two it is made of.
+    dd = a * a * zz + 2 * a * b * zd + b * b * dd
+    fit += a * data_along + b * data_across + 0.5 * dd
+    left = error(own, count + 1, span)
+    settled = hidden <= hide * value and left <= tolerance * value
+    if hidden > max(0.5 * hide * value, patience * left if left < np.inf else 0.0):
+        epsilon *= fall_of_epsilon
+    return a, b, fit, dd, epsilon, settled
+
+
 @njit(nogil=True, cache=True)
 def iterate(rank, size, barrier, map, operators, work, sums, rule, numbers, history):  # type: ignore[no-untyped-def]
     """Iterate until the objective has settled or `history` is full.
@@ -73,7 +103,7 @@ def iterate(rank, size, barrier, map, operators, work, sums, rule, numbers, hist
         numbers: (5,) in and out: ε, value of the data term, iterations, 1 = settled, the step's ⟨d, Hd⟩.
         history: objectives by iteration, out.
     """
-    tolerance, hide, fall_of_epsilon, patience, again, span = rule
+    again = rule[4]
     kind, rows = map[0].dtype.type, map[0].shape[1] - 4
     kept, dense = on_the_way(map, operators), operators[2][0].shape[1] > 0
     own, settled, moving, by = history.copy(), False, False, (kind(0), kind(0))
@@ -97,19 +127,9 @@ def iterate(rank, size, barrier, map, operators, work, sums, rule, numbers, hist
         bends(top, walked[1], False, operators, work, work[5], within, kept, sums)
         bends(walked[2], end, False, operators, work, work[5], within, kept, sums)
         meet(barrier, size)
-        roughness, hidden, along, across, data_along, data_across, lzz, lzd, ldd, zz, zd = _total(sums)
-        a, b = least(along, across, lzz + zz, lzd + zd, ldd + dd)
-        by, moving = (kind(a), kind(b)), True
-        value = fit + roughness
-        own[count] = value
+        by_a, by_b, fit, dd, epsilon, settled = decide(own, count, sums, fit, dd, epsilon, rule)
+        by, moving = (kind(by_a), kind(by_b)), True
         count += 1
-        # The new step's product with the data's operator follows from those of the two it is made of.
-        dd = a * a * zz + 2 * a * b * zd + b * b * dd
-        fit += a * data_along + b * data_across + 0.5 * dd
-        left = error(own, count, span)
-        settled = hidden <= hide * value and left <= tolerance * value
-        if hidden > max(0.5 * hide * value, patience * left if left < np.inf else 0.0):
-            epsilon *= fall_of_epsilon
     if moving:
         move(top, end, by, map, operators, work)
     if rank == 0:

@@ -49,12 +49,12 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     right = samples.weight * np.where(seen, samples.mean - middle, 0).astype(np.float32)
     limit = problem.options.max_iterations
     image, steps = conjugate_gradients(
-        stencil, right[None], first[None], steps=limit, tolerance=problem.options.tolerance / 100
+        stencil, right, first, steps=limit, tolerance=problem.options.tolerance / 100
     )
-    value = _objective(image[0], samples, right, stencil, middle)
+    value = _objective(image, samples, right, stencil, middle)
     if progress is not None:
         progress(steps, value, None)
-    return Solution(image[0] + middle, amplitude, strength, steps, value, None, steps < limit)
+    return Solution(image + middle, amplitude, strength, steps, value, None, steps < limit)
 
 
 def _automatic(problem: Problem, guided: bool) -> float:
@@ -95,7 +95,7 @@ def _normalised(image: Image) -> Image:
 
 
 def _stencil(weight: Image, guide: Image | None, strength: float) -> Image:
-    stencil = np.zeros((5, *weight.shape), np.float32)
+    stencil = np.zeros((3, *weight.shape), np.float32)
     across, down = _links(guide, weight.shape, 1), _links(guide, weight.shape, 0)
     across, down = across * np.float32(strength), down * np.float32(strength)
     stencil[0] = weight

@@ -19,8 +19,8 @@ from solver.kernels import footprint as kernels
 from solver.kernels.prior import PAD
 from solver.optimisation.certificate import shrinkage, slope
 from solver.optimisation.fill import ratio
-from solver.optimisation.memory_gradient import Operator, State
 from solver.optimisation.prior import Prior
+from solver.optimisation.term import Operator, State
 from solver.options import Footprint
 from solver.runtime import team
 

@@ -22,10 +22,11 @@ from numpy.typing import NDArray
 
 from solver.kernels import learning as kernels
 from solver.kernels.smoothing import gaussian
-from solver.optimisation.memory_gradient import Memory, Outcome, State, Term, minimise, start, start_at
+from solver.optimisation.memory_gradient import Memory, Outcome, minimise
 from solver.optimisation.prior import Prior
 from solver.optimisation.slope import slope
 from solver.optimisation.swings import find_swings
+from solver.optimisation.term import State, Term, start, start_at
 from solver.optimisation.ties import Ties
 from solver.options import FusionOptions
 from solver.result import Progress

@@ -14,9 +14,9 @@ from solver.kernels import bound as bounds
 from solver.kernels import sparse as kernels
 from solver.kernels.prior import PAD
 from solver.optimisation.certificate import slope
-from solver.optimisation.memory_gradient import Operator, State
 from solver.optimisation.padding import padded
 from solver.optimisation.prior import Prior
+from solver.optimisation.term import Operator, State
 from solver.runtime import team
 
 _SWEEPS = 8

@@ -22,8 +22,8 @@ from solver.kernels import ties as kernels
 from solver.kernels.prior import PAD
 from solver.kernels.smoothing import gaussian
 from solver.optimisation.footprint import AreaTerm
-from solver.optimisation.memory_gradient import Operator, State
 from solver.optimisation.prior import Prior
+from solver.optimisation.term import Operator, State
 from solver.runtime import team
 
 Image = NDArray[np.floating]

@@ -8,9 +8,10 @@ from solver.geometry.positions import sample_positions
 from solver.kernels.bound import correct, potential
 from solver.optimisation.certificate import slope
 from solver.optimisation.footprint import AreaTerm
-from solver.optimisation.memory_gradient import Outcome, Term, minimise, start
+from solver.optimisation.memory_gradient import Outcome, minimise
 from solver.optimisation.prior import Prior, level
 from solver.optimisation.sampling import SparseTerm
+from solver.optimisation.term import Term, start
 from solver.options import NEIGHBOURHOOD, Footprint
 
 SHIFTS = np.array([[0, 0], [0.3, 0.45], [-0.4, 0.2], [0.15, -0.35]])
@@ -165,7 +166,7 @@ def test_the_objective_never_rises() -> None:
         SparseTerm(weight, mean, 0.0),
         Prior(),
         start(np.zeros((1, 30, 30))),
-        tolerance=1e-7,
+        tolerance=1e-9,
         limit=400,
         progress=lambda _, objective, __: seen.append(objective),
     )
