@@ -111,7 +111,7 @@ def rays_through(positions: Float, intrinsics: Float, coefficients: Float) -> Fl
     # The tilt acts last, so it is undone first.
     plane = np.concatenate([image, np.ones((*image.shape[:-1], 1))], axis=-1)
     plane = plane @ np.linalg.inv(tilt_matrix(coefficients)).T
-    from solver.kernels.lens import undistort  # only here: Numba takes long to import
+    from solver.kernels.distortion import undistort  # only here: Numba takes long to import
 
     rays: Float = undistort((plane[..., :2] / plane[..., 2:]).reshape(-1, 2), coefficients)
     if not np.isfinite(rays).all():

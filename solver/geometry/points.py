@@ -94,7 +94,7 @@ def rotations_to_shifts(
         FusionInputError: not (N, 3), bad intrinsics or distortion.
     """
     from solver.geometry.positions import rotation_matrix
-    from solver.kernels.lens import distort  # only here: Numba takes long to import
+    from solver.kernels.distortion import distort  # only here: Numba takes long to import
 
     turns = np.asarray(rotations, dtype=np.float64)
     if turns.ndim != 2 or turns.shape[1] != 3:

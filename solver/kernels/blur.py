@@ -1,4 +1,4 @@
-"""The operator of area footprints, Bᵀ M B x − Bᵀ b, by rows (see `kernels.footprint`).
+"""The operator of area footprints, Bᵀ M B x − Bᵀ b, by rows (see `kernels.interpolation`).
 
 B has the same taps along rows and columns; they are padded to a multiple of four with zeros, so that four are
 walked at a time. Rows come and go in rings, so that all that is on the way stays in the cache.

@@ -1,6 +1,6 @@
 """The sparse term's dual bound: what the duals leave at unseen pixels goes to seen ones, then the bound.
 
-`weight`, `mean`, `radius` and `dual` are padded by 2 as in `kernels.prior`.
+`weight`, `mean`, `radius` and `dual` are padded by 2 as in `kernels.group`.
 """
 
 import numpy as np

@@ -7,9 +7,9 @@ same decisions, and results are the same bits for any number of threads.
 import numpy as np
 from numba import njit
 
-from solver.kernels.prior import inside
+from solver.kernels.barrier import meet
+from solver.kernels.group import inside
 from solver.kernels.walk import REACH, bends, move, on_the_way, part, reach_of, refresh, walk
-from solver.runtime.team import meet
 
 EPSILON, FIT, DONE, SETTLED, BENT = range(5)
 """Places in the numbers that the loop takes and leaves."""
@@ -92,7 +92,7 @@ def iterate(rank, size, barrier, map, operators, work, sums, rule, numbers, hist
             place; slope and radius see `direction.descend`.
         operators: (weights, curvature, footprint, ties): the first two see there; footprint is
             (stencil, side, taps, size) of `blur.apply`, no stencil = a diagonal operator, whose diagonal
-            is the curvature; ties are (levels, unit, lift) of `kernels.ties`, no levels = none.
+            is the curvature; ties are (levels, unit, lift) of `kernels.tying`, no levels = none.
         work: (data, step, direction, curved, curved_step, stiffness): the data term's gradient (C, …),
             kept up to date, or the map that a diagonal operator draws to; the last step and the last
             direction (C, …); the operator's products with direction and step, unless it is diagonal; and

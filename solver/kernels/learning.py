@@ -7,7 +7,7 @@ as long as they are needed: images that are only averaged are never stored.
 import numpy as np
 from numba import njit
 
-from solver.kernels.prior import COLUMNS, ROWS
+from solver.kernels.group import COLUMNS, ROWS
 from solver.kernels.smoothing import across, along, mirrored
 
 _RING = 16
@@ -80,7 +80,7 @@ def tie(rank, size, x, slope, up, taps, freed, inverse, levels):  # type: ignore
     """levels ← 255 · freed / (1 + (inverse · mean |G x − s|)²)²; by a team.
 
     Args:
-        x (C, rows + 4, …); slope (C, 2, …); up, the squared weights, as in `kernels.prior`.
+        x (C, rows + 4, …); slope (C, 2, …); up, the squared weights, as in `kernels.group`.
         freed: (rows + 4, columns + 4), 1 − ρ.
         levels: (6, rows + 4, columns + 4), 0 where the difference leaves the image.
     """

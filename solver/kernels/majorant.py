@@ -1,13 +1,13 @@
 """The quadratic that majorises the objective at a map, image by image: its gradient, diagonal and products.
 
 Where `kernels.walk` does an iteration in one walk, these leave what a direction made on several grids needs.
-Images are padded as in `kernels.prior`.
+Images are padded as in `kernels.group`.
 """
 
 import numpy as np
 from numba import njit
 
-from solver.kernels.prior import COLUMNS, ROWS, add_squares, inside, stiffen, weights_at
+from solver.kernels.group import COLUMNS, ROWS, add_squares, inside, stiffen, weights_at
 from solver.kernels.step import bend
 from solver.kernels.view import view
 
@@ -73,7 +73,7 @@ def gradients(rank, size, x, slope, stiffness, weights, tables, data, curvature,
         slope: (C, 2, rows + 4, columns + 4), or (C, 2, 0, 0) = level.
         stiffness: (rows + 4, columns + 4), of `stiffnesses`.
         weights: (6,), the squared weights of the differences.
-        tables: (3, 6, columns), the same by column, of `kernels.prior.tables`.
+        tables: (3, 6, columns), the same by column, of `kernels.group.tables`.
         data: (C, rows + 4, columns + 4), the data term's gradient.
         curvature: (rows + 4, columns + 4), what stands for the diagonal of the data term's operator.
         out: (C, rows, columns) ← the gradient.

@@ -4,8 +4,8 @@ The unknown x = l + iφ (channels: log-amplitude, phase) changes Z to Z exp x. I
 
     H x = conj(Z) · s Bᵀ M B (Z x) + (Gᵀ V G l, Gᵀ W G φ)
 
-with the footprint's stencil M (see `kernels.footprint`), s a factor, and differences G weighed pair by pair
-(see `kernels.pairs`). Images are (2, rows + 4, columns + 4), padded by 2.
+with the footprint's stencil M (see `kernels.interpolation`), s a factor, and differences G weighed pair by
+pair (see `kernels.pairs`). Images are (2, rows + 4, columns + 4), padded by 2.
 
 One walk over the rows does a round: what the last one has found moves a row of x, residual and direction, and
 a footprint behind that H is applied. So each image is fetched once. With D the inverse diagonal, h = H p and
@@ -19,10 +19,10 @@ one if that is what the last step of Gauss–Newton has moved Z by: a good guess
 import numpy as np
 from numba import njit
 
+from solver.kernels.barrier import meet
 from solver.kernels.blur import apply, rings
 from solver.kernels.pairs import pull
 from solver.kernels.view import view
-from solver.runtime.team import meet
 
 STRIP = 8
 """Rows done at a time, few enough to stay in cache."""

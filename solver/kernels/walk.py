@@ -14,7 +14,7 @@ from numba import njit
 from solver.kernels.blur import apply, rings
 from solver.kernels.direction import descend, scratch
 from solver.kernels.step import add_move, bend
-from solver.kernels.ties import pull
+from solver.kernels.tying import pull
 from solver.kernels.view import view
 
 REACH = 2

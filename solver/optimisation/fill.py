@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.kernels import fill as kernels
+from solver.kernels import filling as kernels
 
 _SWEEPS, _OVER = 60, 1.85
 """Enough for gaps of 40 pixels, twice the default reach of filling at ×4, to about a per cent."""

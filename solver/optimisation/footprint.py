@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from solver.errors import FusionInputError
 from solver.kernels import blur
 from solver.kernels import dual as duals
-from solver.kernels import footprint as kernels
-from solver.kernels.prior import PAD
+from solver.kernels import interpolation as kernels
+from solver.kernels.group import PAD
 from solver.optimisation.certificate import shrinkage, slope
 from solver.optimisation.fill import ratio
 from solver.optimisation.prior import Prior

@@ -1,7 +1,7 @@
 """The iteration: majorise–minimise by memory gradient, its stopping rule and its certificate.
 
 It minimises term(X) + Σ r ‖∇X − s‖₂ (maps are in units of λ; r = 1 and s = 0 but in reweighted passes). At
-each map the prior lies under a quadratic that touches it there (`solver.kernels.prior`); the sum of data term
+each map the prior lies under a quadratic that touches it there (`solver.kernels.group`); the sum of data term
 and quadratic is minimised over the plane of two directions, the preconditioned gradient and the last step.
 The objective never rises, no step length is to be chosen, and there are no dual variables to carry. Where it
 takes long, every other bout of iterations has a direction from all grids (`optimisation.levels`). Source:
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from solver.kernels import iteration as loop
 from solver.kernels import majorant
-from solver.kernels.prior import PAD
+from solver.kernels.group import PAD
 from solver.optimisation.levels import Levels
 from solver.optimisation.prior import Prior
 from solver.optimisation.term import State, Term

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from solver.errors import FusionInputError
 from solver.kernels import bound as bounds
 from solver.kernels import sparse as kernels
-from solver.kernels.prior import PAD
+from solver.kernels.group import PAD
 from solver.optimisation.certificate import slope
 from solver.optimisation.padding import padded
 from solver.optimisation.prior import Prior

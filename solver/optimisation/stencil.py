@@ -1,9 +1,9 @@
-"""Linear systems of symmetric five-point operators, see `solver.kernels.stencil`."""
+"""Linear systems of symmetric five-point operators, see `solver.kernels.five_point`."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.kernels.stencil import factorise, multiply, precondition
+from solver.kernels.five_point import factorise, multiply, precondition
 
 Image = NDArray[np.float32]
 

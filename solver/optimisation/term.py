@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.kernels import blur, ties
+from solver.kernels import blur, tying
 from solver.optimisation.padding import padded
 from solver.optimisation.prior import Prior, level
 from solver.runtime import team
@@ -36,7 +36,7 @@ class Operator:
     Attributes:
         footprint: (stencil, side, taps, size) of `kernels.blur.apply`; None = diagonal, the term's curvature.
         mean: (C, rows + 4, columns + 4), the map that a diagonal operator draws to.
-        ties: (levels, unit, lift) of `kernels.ties`, with a footprint only; the lift, (C, …), is what their
+        ties: (levels, unit, lift) of `kernels.tying`, with a footprint only; the lift, (C, …), is what their
             slope adds to the gradient.
     """
 
@@ -61,7 +61,7 @@ class Operator:
         stencil, _, taps, size = self.footprint
         team.share(blur.transform, image, stencil, side, taps, size, image.dtype.type(2), out)
         if self.ties is not None:
-            team.share(ties.pull_all, image, *self.ties[:2], out)
+            team.share(tying.pull_all, image, *self.ties[:2], out)
 
 
 class Term(Protocol):

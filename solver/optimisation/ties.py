@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.kernels import learning
-from solver.kernels import ties as kernels
-from solver.kernels.prior import PAD
+from solver.kernels import tying as kernels
+from solver.kernels.group import PAD
 from solver.kernels.smoothing import gaussian
 from solver.optimisation.footprint import AreaTerm
 from solver.optimisation.prior import Prior

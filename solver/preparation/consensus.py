@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.kernels import consensus as kernels
+from solver.kernels import medians as kernels
 from solver.runtime import team
 
 Image = NDArray[np.float32]

@@ -15,7 +15,7 @@ from solver.registration.grid import Grid
 from solver.registration.misfit import Misfit
 from solver.registration.mosaic import Mosaic, halved
 from solver.registration.motion import Motion, Shift, Turn
-from solver.registration.points import Points
+from solver.registration.point_samples import Points
 from solver.registration.samples import Samples, Scaling, pyramid, scaling
 from solver.registration.start import find_start
 from solver.registration.steps import solve_steps

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from solver.geometry.positions import sample_positions
-from solver.kernels.prior import PAD
+from solver.kernels.group import PAD
 from solver.kernels.smoothing import gaussian
 from solver.optimisation.footprint import AreaTerm
 from solver.optimisation.memory_gradient import minimise

@@ -1,6 +1,6 @@
 """Ties between neighbours: ½ Σ t (G X − s)² with a strength t for every difference G of the prior.
 
-Images are padded as in `kernels.prior`. Strengths are kept as `levels`, bytes (6, rows + 4, columns + 4),
+Images are padded as in `kernels.group`. Strengths are kept as `levels`, bytes (6, rows + 4, columns + 4),
 0 in the padding and where a difference leaves the image, and the `unit` (6,) of each difference's levels: an
 iteration waits for memory, and bytes are a quarter of it.
 """
@@ -8,7 +8,7 @@ iteration waits for memory, and bytes are a quarter of it.
 import numpy as np
 from numba import njit
 
-from solver.kernels.prior import COLUMNS, ROWS
+from solver.kernels.group import COLUMNS, ROWS
 from solver.kernels.view import view
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from solver.kernels.prior import COLUMNS, ROWS
+from solver.kernels.group import COLUMNS, ROWS
 
 
 @njit(fastmath=True)

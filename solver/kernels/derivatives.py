@@ -1,10 +1,10 @@
-"""What samples tell of a motion's parameters; `terms` and `sums` are those of `equations`."""
+"""What samples tell of a motion's parameters; `terms` and `sums` are those of `kernels.normal_equations`."""
 
-import numba
 import numpy as np
+from numba import njit
 
 
-@numba.njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True)
 def sum_shifts(terms, used, camera, sums):  # type: ignore[no-untyped-def]
     """Add samples to the normal equations of a displacement."""
     yy, yx, xx = terms[0, :used], terms[1, :used], terms[2, :used]
@@ -29,9 +29,9 @@ def sum_shifts(terms, used, camera, sums):  # type: ignore[no-untyped-def]
     sums[12] += fx * fx * total
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy")
 def differentiate(terms, used, camera, jacobian):  # type: ignore[no-untyped-def]
-    """Derivatives of row, then column, by a small turn about x, y and z, the lens left out."""
+    """Derivatives of row, then column, by a small rotation about x, y and z, the lens left out."""
     fy, fx, cy, cx, one = camera[0], camera[1], camera[2], camera[3], np.float32(1.0)
     row, column = terms[7, :used], terms[8, :used]
     y0, y1, y2 = jacobian[0, :used], jacobian[1, :used], jacobian[2, :used]
@@ -42,8 +42,8 @@ def differentiate(terms, used, camera, jacobian):  # type: ignore[no-untyped-def
         x0[s], x1[s], x2[s] = -fx * x * y, fx * (one + x * x), -fx * y
 
 
-@numba.njit(cache=True, fastmath=True)
-def sum_turns(terms, used, jacobian, sums):  # type: ignore[no-untyped-def]
+@njit(cache=True, fastmath=True)
+def sum_rotations(terms, used, jacobian, sums):  # type: ignore[no-untyped-def]
     """Add samples, differentiated, to the normal equations of a turn."""
     yy, yx, xx = terms[0, :used], terms[1, :used], terms[2, :used]
     yr, xr, weight = terms[3, :used], terms[4, :used], terms[6, :used]
