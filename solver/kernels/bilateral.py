@@ -9,6 +9,11 @@ def bilateral(image, weights, factor):  # type: ignore[no-untyped-def]
     """factor · Σ α^{|l|+|m|} sign(X(p) − X(p + (m, l))) over the window.
 
     An offset and its opposite are the two terms of (I − S⁻¹) sign(X − S X): this sum is half the gradient.
+
+    Args:
+        image: (rows, columns), in the unit of the prior.
+        weights: (2 P + 1, 2 P + 1), α^{|l|+|m|}, 0 in the middle.
+        factor: of the whole sum.
     """
     rows, columns = image.shape
     reach = weights.shape[0] // 2
@@ -30,6 +35,12 @@ def bilateral(image, weights, factor):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, parallel=True)
 def bilateral_value(image, weights):  # type: ignore[no-untyped-def]
+    """Σ α^{|l|+|m|} |X(p) − X(p + (m, l))| over the window.
+
+    Args:
+        image: (rows, columns), in the unit of the prior.
+        weights: (2 P + 1, 2 P + 1), α^{|l|+|m|}, 0 in the middle.
+    """
     rows, columns = image.shape
     reach = weights.shape[0] // 2
     total = 0.0

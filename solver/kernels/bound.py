@@ -16,7 +16,9 @@ def potential(excess, weight, sweeps):  # type: ignore[no-untyped-def]
     Sweeps down and up over the Poisson equation at unseen pixels, φ = 0 at seen ones; within a row the old
     values serve, so that it is walked in vectors. Free at the border, beyond which φ repeats.
 
-    Args: excess (rows, columns); weight, 0 = unseen.
+    Args:
+        excess: (rows, columns), in units of λ.
+        weight: (rows + 4, columns + 4), 0 = unseen.
     """
     rows, columns = excess.shape
     phi, line = np.zeros((rows + 2, columns + 2), excess.dtype), np.empty(columns, excess.dtype)
@@ -80,6 +82,12 @@ def least(rank, size, slope, weight, mean, low, high, sums):  # type: ignore[no-
 
     The bounds are those of the data: clipping a map to them lowers every term of the objective, so they
     change no minimum, and they keep the sum finite where no sample falls (w = 0). slope (rows, columns).
+
+    Args:
+        slope: (rows, columns), the linear part.
+        weight: (rows + 4, columns + 4), padded by 2, w in 1 / λ².
+        mean: (rows + 4, columns + 4), padded by 2, m in units of λ.
+        sums: (rows,), in float64.
     """
     rows, n = slope.shape
     for row in range(rank * rows // size, (rank + 1) * rows // size):

@@ -12,6 +12,10 @@ def thinned(values, others, least, most):  # type: ignore[no-untyped-def]
 
     They are looked up at even distances that visit all columns in turn, four times as densely as long as
     fewer than a quarter of what is wanted turns up.
+
+    Args:
+        values: (N, H, W).
+        others: (N, H, W).
     """
     a, b, columns = values.reshape(-1), others.reshape(-1), values.shape[2]
     step = max(1, a.size // most)
@@ -85,6 +89,11 @@ def standing(distance, sigma, picked, most):  # type: ignore[no-untyped-def]
     """(2,): the mean step down and the mean step across of the picked frames of (N, H, W).
 
     Steps between two known samples count, those of at most `most` deviations of themselves as none.
+
+    Args:
+        distance: (N, H, W), metres or any unit.
+        sigma: (N, H, W), deviations in distance's unit.
+        picked: (n,), numbers of frames.
     """
     rows, sums, square = distance.shape[1], np.zeros((2, 2)), np.float32(most * most)
     for k in picked:
@@ -101,6 +110,13 @@ def light(distance, amplitude, noise, threshold, sigma, lit):  # type: ignore[no
     """sigma ← noise / amplitude, lit ← distance where the amplitude reaches the threshold; all (n,).
 
     sigma is infinite where it is dark, lit is NaN elsewhere. Returns the number of samples left.
+
+    Args:
+        distance: (n,), any unit.
+        amplitude: (n,), any unit.
+        noise: deviation times amplitude.
+        sigma: (n,), in distance's unit ←.
+        lit: (n,), in distance's unit ←.
     """
     count = 0
     for n in range(distance.size):

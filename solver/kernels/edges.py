@@ -8,6 +8,19 @@ UNSEEN, FLAT, STEEP = 0, 1, 2
 
 @njit(cache=True)
 def look_up(kind, first, pixel, row, column, row0, column0, density, blocks):  # type: ignore[no-untyped-def]
+    """blocks ← whether the node next to each sample is steep.
+
+    Args:
+        kind: (rows, columns), of `classify`.
+        first: (N + 1,), where the samples of each frame begin.
+        pixel: (samples,), the pixel of its frame that a sample is.
+        row: (samples,), pixels of the reference.
+        column: (samples,), pixels of the reference.
+        row0: of the first node, pixels.
+        column0: the same.
+        density: nodes per pixel.
+        blocks: (N, H · W), in place; what is no sample is left alone.
+    """
     rows, columns = kind.shape
     top, left, scale, half = np.float32(row0), np.float32(column0), np.float32(density), np.float32(0.5)
     for k in range(len(blocks)):
@@ -19,7 +32,13 @@ def look_up(kind, first, pixel, row, column, row0, column0, density, blocks):  #
 
 @njit(cache=True, fastmath=True)
 def steepness(image, covered, square):  # type: ignore[no-untyped-def]
-    """|∇U|² of central differences, four times, where all nodes around are covered."""
+    """square ← |∇U|² of central differences, four times, where all nodes around are covered, else −1.
+
+    Args:
+        image: (C, rows, columns), in deviations.
+        covered: (rows, columns), whether there are samples.
+        square: (rows, columns), −1 at the border.
+    """
     channels, rows, columns = image.shape
     line, outside = np.empty(columns, np.bool_), np.float32(-1.0)
     for i in range(1, rows - 1):
@@ -41,7 +60,14 @@ def steepness(image, covered, square):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def classify(square, limit, covered, kind):  # type: ignore[no-untyped-def]
-    """STEEP where a node at most two rows and columns away reaches the limit."""
+    """kind ← STEEP where a node at most two rows and columns away reaches the limit.
+
+    Args:
+        square: (rows, columns), of `steepness`.
+        limit: from which on a node is steep.
+        covered: (rows, columns), whether there are samples.
+        kind: (rows, columns) ← UNSEEN, FLAT or STEEP.
+    """
     rows, columns = square.shape
     least = np.float32(limit)
     across = np.zeros((rows, columns), np.uint8)

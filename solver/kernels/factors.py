@@ -77,7 +77,11 @@ def informed(rank, size, z, bend, weight, strengths, out):  # type: ignore[no-un
     point; with a tilt that is averaged from its surroundings the variance falls faster with d (measured).
 
     Args:
-        bend: (rows + 4, columns + 4), what data say of a constant φ at |Z| = 1, over `weight`.
+        z: (2, rows + 4, columns + 4), the phasors.
+        bend: (rows + 4, columns + 4), padded by 2, what data say of a constant φ at |Z| = 1, over `weight`.
+        weight: a number.
+        strengths: (pairs, rows + 4, columns + 4), of the pairs of phases.
+        out: (rows, columns), 1 / radian².
     """
     rows, n = out.shape
     stiff = np.zeros(n, out.dtype)

@@ -58,12 +58,13 @@ def decide(own, count, sums, fit, dd, epsilon, rule):  # type: ignore[no-untyped
     """The end of an iteration: the step in the plane of the two directions, ε, and whether to stop.
 
     Args:
-        own: objectives by iteration; the one of this is put in its place, count.
-        sums: (rows, 11), see `walk`.
+        own: (iterations,), objectives; the one of this is put in its place, count.
+        count: iterations before this one.
+        sums: (rows, 11), of `kernels.walk`.
         fit: value of the data term.
         dd: the last step's ⟨d, Hd⟩.
         epsilon: ε.
-        rule: as for `iterate`.
+        rule: six numbers, as for `iterate`.
 
     Returns:
         the factors of direction and last step, and what becomes of fit, dd and epsilon; 1 = settled.
@@ -101,7 +102,7 @@ def iterate(rank, size, barrier, map, operators, work, sums, rule, numbers, hist
         rule: (tolerance, part that the rounding may hide, fall of ε, patience, iterations to a refresh,
             least iterations of a fall).
         numbers: (5,) in and out: ε, value of the data term, iterations, 1 = settled, the step's ⟨d, Hd⟩.
-        history: objectives by iteration, out.
+        history: (iterations,), objectives, out.
     """
     again = rule[4]
     kind, rows = map[0].dtype.type, map[0].shape[1] - 4

@@ -37,6 +37,17 @@ def _compare(values, variance, k, reference, dy, dx, stride, buffer):  # type: i
 
 @njit(cache=True)
 def search(values, weights, reference, middle, rows, columns, better):  # type: ignore[no-untyped-def]
+    """(N, 2): the displacement of each frame, in whole pixels, at which it is most like the reference.
+
+    Args:
+        values: (C, N, H, W), in deviations.
+        weights: (N, H, W), 1 / variance, 0 = not used.
+        reference: number of the frame.
+        middle: (N, 2), where the search is centred, pixels.
+        rows: that it reaches to either side.
+        columns: that it reaches to either side.
+        better: factor on the cost of the middle.
+    """
     count, height = weights.shape[:2]
     found = np.zeros((count, 2), dtype=np.int64)
     stride = 1 if height < 32 else 2  # every second row is plenty

@@ -134,10 +134,19 @@ def descend(  # type: ignore[no-untyped-def]
     """`rounds` iterations on H x = residual from x = 0; both are changed.
 
     Args:
+        barrier: (places,), see `kernels.barrier`.
+        rounds: a number.
         resumed: whether p holds the first direction; else it holds anything finite.
-        z: the phasors; footprint: (stencil, taps, size of them); factor: s.
-        v, w: strengths of the pairs, V and W, see `kernels.pairs`; inverse: of the diagonal of H.
-        work: two images, p and H p, finite; sums: (rows, 4).
+        z: (2, rows + 4, columns + 4), the phasors.
+        footprint: ((5, nodes + 2, nodes + 2), (taps,), size), M, taps and how many of them count.
+        factor: s.
+        v: (pairs, rows + 4, columns + 4), strengths V, see `kernels.pairs`.
+        w: (pairs, rows + 4, columns + 4), strengths W.
+        inverse: (2, rows + 4, columns + 4), of the diagonal of H.
+        residual: (2, rows + 4, columns + 4), changed.
+        x: (2, rows + 4, columns + 4), log-amplitude and radians ←.
+        work: two of (2, rows + 4, columns + 4), p and H p, finite.
+        sums: (rows, 4), room.
     """
     p, h = work
     _, taps, reach = footprint

@@ -9,7 +9,14 @@ WITHIN = 0xFFFFFF  # tells the compiler that an index is not negative: it need n
 
 @njit(cache=True, fastmath=PLACES)
 def extent(row, column, height, width):  # type: ignore[no-untyped-def]
-    """First and last row and column of the places that are at most one image away from the reference."""
+    """First and last row and column of the places that are at most one image away from the reference.
+
+    Args:
+        row: (samples,), pixels of the reference.
+        column: (samples,), pixels of the reference.
+        height: of the reference, pixels.
+        width: the same.
+    """
     rows, columns = np.float32(height), np.float32(width)
     top, left, bottom, right = 2 * rows, 2 * columns, -rows, -columns
     for s in range(len(row)):
@@ -21,6 +28,21 @@ def extent(row, column, height, width):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def gather(values, weights, base, keep, shift, y, w, row, column, pixel, first):  # type: ignore[no-untyped-def]
+    """The samples of frames that are used and lie in blocks that are kept, one after another.
+
+    Args:
+        values: (C, N, H, W), in deviations.
+        weights: (N, H, W), 1 / variance, 0 = not used.
+        base: (2, H, W), row and column of each pixel.
+        keep: (N, blocks down, blocks across), whether a block is kept.
+        shift: log₂ of the side of a block.
+        y: (samples, C) ← values.
+        w: (samples,) ← weights.
+        row: (samples,) ← pixels.
+        column: (samples,) ← pixels.
+        pixel: (samples,) ← number in the frame.
+        first: (N + 1,) ← where the samples of each frame begin.
+    """
     channels, count, height, width = values.shape
     last_row, last_column = keep.shape[1] - 1, keep.shape[2] - 1  # an odd last pixel has no block of its own
     s = 0
@@ -41,7 +63,18 @@ def gather(values, weights, base, keep, shift, y, w, row, column, pixel, first):
 
 @njit(cache=True, fastmath=PLACES)
 def accumulate(values, weights, row, column, row0, column0, density, sums):  # type: ignore[no-untyped-def]
-    """Add the samples to the stencil and the right sides."""
+    """Add the samples to the stencil and the right sides.
+
+    Args:
+        values: (samples, C), in deviations.
+        weights: (samples,), 1 / variance.
+        row: (samples,), pixels of the reference.
+        column: (samples,), pixels of the reference.
+        row0: of the first node, pixels.
+        column0: the same.
+        density: nodes per pixel.
+        sums: (5 + C, rows, columns), stencil and right sides, in place.
+    """
     rows, columns = sums.shape[1:]
     S, b, channels = sums[:5], sums[5:], len(sums) - 5
     top, left, scale, one = np.float32(row0), np.float32(column0), np.float32(density), np.float32(1.0)
@@ -73,6 +106,20 @@ def accumulate(values, weights, row, column, row0, column0, density, sums):  # t
 
 @njit(cache=True, fastmath=PLACES)
 def add_misfit(values, weights, row, column, row0, column0, density, U, squares, counts):  # type: ignore[no-untyped-def]
+    """Add the squared residuals of samples against a mosaic, cell by cell.
+
+    Args:
+        values: (samples, C), in deviations.
+        weights: (samples,), 1 / variance.
+        row: (samples,), pixels of the reference.
+        column: (samples,), pixels of the reference.
+        row0: of the first node, pixels.
+        column0: the same.
+        density: nodes per pixel.
+        U: (C, rows, columns), in deviations.
+        squares: (rows, columns), in variances, in place.
+        counts: (rows, columns), in place.
+    """
     channels, rows, columns = U.shape
     top, left, scale, one = np.float32(row0), np.float32(column0), np.float32(density), np.float32(1.0)
     share = one / np.float32(channels)

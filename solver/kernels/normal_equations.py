@@ -23,10 +23,10 @@ def share_errors(terms, pixel, used, width, error2, lines):  # type: ignore[no-u
     image displaces the frame whose rows lie along it.
 
     Args:
-        terms: (10, samples) of `_interpolate`; the weights among them are changed.
-        pixel: numbers of the pixels in their image, `width` a row.
+        terms: (10, samples), of `normal_equations._interpolate`; the weights among them are changed.
+        pixel: (samples,), numbers in their image, `width` a row.
         used: how many samples there are.
-        error2: e².
+        error2: e², pixels².
         lines: (4, the longer side), room for what each row, then each column, tells, and its pull.
     """
     yy, xx, yr, xr, weight = terms[0], terms[2], terms[3], terms[4], terms[6]
@@ -153,6 +153,31 @@ def sum_frames(  # type: ignore[no-untyped-def]
     sums,
     counts,
 ):
+    """Sum the samples of every frame into its normal equations.
+
+    Args:
+        values: (samples, C), in deviations.
+        weights: (samples,), 1 / variance.
+        row: (samples,), pixels of the reference.
+        column: (samples,), pixels of the reference.
+        pixel: (samples,), numbers in their image.
+        first: (N + 1,), where the samples of each frame begin.
+        U: (C, rows, columns), the mosaic, in deviations.
+        kind: (rows, columns), of `kernels.edges.classify`.
+        misfit: (rows, columns), in variances, or (1, 1) = one everywhere.
+        grid: (3,), row and column of the first node in pixels, nodes per pixel.
+        camera: (4,), focal lengths and centre in pixels, by row and by column; of a displacement the first
+            two are 1.
+        rotational: whether the motion is a rotation.
+        blur2: the mosaic's own error squared, pixels².
+        terms: (10, block), room.
+        number: (block,), room.
+        jacobian: (6, block), room.
+        width: of the samples' image.
+        lines: (4, the longer side), room, or (0, 0) = rows and columns do not share errors.
+        sums: (N, 15), in place, see `kernels.derivatives`.
+        counts: (N, 3), in place: samples seen, trust and misfit.
+    """
     block = terms.shape[1]
     for k in range(len(sums)):
         for start in range(first[k], first[k + 1], block):

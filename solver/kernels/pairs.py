@@ -215,7 +215,17 @@ def _costs(d, square, out):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def cost(rank, size, state, z, slope, factors, logs, phases, sums):  # type: ignore[no-untyped-def]
-    """sums (rows,) ← the penalties of each row's pairs; arguments as in `assemble`; by a team."""
+    """sums ← the penalties of each row's pairs; by a team.
+
+    Args:
+        state: (2, rows + 4, columns + 4), as in `assemble`.
+        z: (2, rows + 4, columns + 4), the phasors.
+        slope: (2, rows + 4, columns + 4), radians per pixel.
+        factors: (4,), of the pairs.
+        logs: (κ, δ) of l.
+        phases: (κ, δ, 1 / e², faint) of φ, as in `assemble`.
+        sums: (rows,), in float64.
+    """
     rows, n, kind = state.shape[1] - 4, state.shape[2] - 4, state.dtype.type
     change, turn, out = np.empty(n, state.dtype), np.empty(n, state.dtype), np.empty(n, state.dtype)
     for i in range(rank * rows // size, (rank + 1) * rows // size):

@@ -6,6 +6,14 @@ from numba import njit
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def pool(values, weights, mean, total):  # type: ignore[no-untyped-def]
+    """mean, total ← weighted means over 2 × 2 pixels, and the sums of their weights.
+
+    Args:
+        values: (C, N, H, W), in deviations.
+        weights: (N, H, W), 1 / variance.
+        mean: (C, N, H / 2, W / 2) ←.
+        total: (N, H / 2, W / 2) ←.
+    """
     channels, count, rows, columns = mean.shape
     least, few, no = np.float32(1e-30), np.float32(3.0), np.float32(0.0)
     for k in range(count):
@@ -27,7 +35,19 @@ def pool(values, weights, mean, total):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def write_phasors(distance, amplitude, rate, middle, factor, values, weights):  # type: ignore[no-untyped-def]
-    """Written out so that it is vectorised: sine and cosine of half the angle, by their Taylor series."""
+    """values ← (A cos, A sin of 2π d · rate, less their middle) · factor; weights ← 1 where known, else 0.
+
+    Written out so that it is vectorised: sine and cosine of half the angle, by their Taylor series.
+
+    Args:
+        distance: (N, H, W), any unit.
+        amplitude: (N, H, W), any unit.
+        rate: 1 / ambiguity range, in distance's unit.
+        middle: (2,), in amplitude's unit.
+        factor: 1 / deviation.
+        values: (2, N, H, W), in deviations.
+        weights: (N, H, W).
+    """
     count, height, width = distance.shape
     zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
     two, pi = np.float32(2.0), np.float32(np.pi)
@@ -54,6 +74,13 @@ def write_phasors(distance, amplitude, rate, middle, factor, values, weights):  
 
 @njit(cache=True, fastmath=True)
 def pool_nodes(image, away, pooled):  # type: ignore[no-untyped-def]
+    """pooled ← the mosaic of frames pooled by two, on every second node.
+
+    Args:
+        image: (C, rows, columns), in deviations.
+        away: half a pixel, in nodes, at most one.
+        pooled: (C, rows / 2, columns / 2).
+    """
     channels, rows, columns = image.shape
     side, middle = np.float32(0.5) * away, np.float32(1.0) - away
     line = np.empty(columns, np.float32)

@@ -10,7 +10,18 @@ BANDS = 4  # of rows, each swept on its own: as many threads may share a sweep, 
 
 @njit(cache=True, nogil=True)
 def relax_rows(rank, size, barrier, sums, image, into, strength, epsilon2, keep, rest):  # type: ignore[no-untyped-def]
-    """A sweep by a team, after which the sums fade, unless `rest` is empty."""
+    """A sweep by a team, after which the sums fade, unless `rest` is empty.
+
+    Args:
+        barrier: (places,), see `kernels.barrier`.
+        sums: (5 + C, rows, columns), stencil and right sides.
+        image: (C, rows, columns), in deviations.
+        into: (C, rows, columns) ← one that fits better.
+        strength: λ, in units of 1 / σ.
+        epsilon2: ε², deviations².
+        keep: what is left of the sums.
+        rest: (5 + C, rows, columns), what takes the place of the remainder, or (0, rows, columns).
+    """
     rows, columns = image.shape[1:]
     scratch, fades = np.zeros((8, columns), np.float32), len(rest) > 0
     for band in range(rank, BANDS, size):

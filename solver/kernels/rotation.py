@@ -10,6 +10,12 @@ NOWHERE = np.float32(-1e9)  # position of a pixel whose ray leaves the camera's 
 
 @njit(cache=True)
 def rotation_matrices(vectors, matrices):  # type: ignore[no-untyped-def]
+    """matrices ← those of rotation vectors, by Rodrigues' formula.
+
+    Args:
+        vectors: (n, 3), radians.
+        matrices: (n, 3, 3).
+    """
     for k in range(len(vectors)):
         x, y, z = vectors[k, 0], vectors[k, 1], vectors[k, 2]
         angle = np.sqrt(x * x + y * y + z * z)
@@ -27,6 +33,12 @@ def rotation_matrices(vectors, matrices):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def rotation_vectors(matrices, vectors):  # type: ignore[no-untyped-def]
+    """vectors ← those of rotation matrices, of less than half a turn.
+
+    Args:
+        matrices: (n, 3, 3).
+        vectors: (n, 3), radians.
+    """
     for k in range(len(matrices)):
         R = matrices[k]
         x, y, z = 0.5 * (R[2, 1] - R[1, 2]), 0.5 * (R[0, 2] - R[2, 0]), 0.5 * (R[1, 0] - R[0, 1])
@@ -38,6 +50,17 @@ def rotation_vectors(matrices, vectors):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def project(rank, size, rays, matrices, K, lens, tilt, distorted, positions):  # type: ignore[no-untyped-def]
+    """positions ← where each pixel of each frame looks, NaN where its ray leaves the half-space; by a team.
+
+    Args:
+        rays: (H, W, 2), x and y of the rays at z = 1.
+        matrices: (N, 3, 3), that take them to frame 0.
+        K: (3, 3), camera matrix, pixels.
+        lens: (14,), OpenCV's coefficients.
+        tilt: (3, 3), of the lens's tilt.
+        distorted: whether the lens distorts.
+        positions: (N, H, W, 2), row and column, pixels.
+    """
     height, width = rays.shape[:2]
     lines = matrices.shape[0] * height
     for item in range(rank * lines // size, (rank + 1) * lines // size):
@@ -63,6 +86,16 @@ def project(rank, size, rays, matrices, K, lens, tilt, distorted, positions):  #
 
 @njit(cache=True, fastmath=True)
 def displace(rows, columns, first, moves, row, column):  # type: ignore[no-untyped-def]
+    """row, column ← places of samples after the displacement of their frame.
+
+    Args:
+        rows: (samples,), pixels.
+        columns: (samples,), pixels.
+        first: (N + 1,), where the samples of each frame begin.
+        moves: (N, 2), pixels.
+        row: (samples,), pixels.
+        column: (samples,), pixels.
+    """
     for k in range(len(moves)):
         part = slice(first[k], first[k + 1])
         row[part] = rows[part] + moves[k, 0]
@@ -71,7 +104,16 @@ def displace(rows, columns, first, moves, row, column):  # type: ignore[no-untyp
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def rotate(rays_y, rays_x, first, matrices, y, x):  # type: ignore[no-untyped-def]
-    """Rays (y, x) at z = 1 after each frame's rotation."""
+    """y, x ← rays after the rotation of their frame, NOWHERE where they leave the half-space.
+
+    Args:
+        rays_y: (samples,), at z = 1.
+        rays_x: (samples,), at z = 1.
+        first: (N + 1,), where the samples of each frame begin.
+        matrices: (N, 3, 3).
+        y: (samples,), at z = 1.
+        x: (samples,), at z = 1.
+    """
     for k in range(len(matrices)):
         R = matrices[k]
         a, b = rays_x[first[k] : first[k + 1]], rays_y[first[k] : first[k + 1]]
@@ -85,7 +127,14 @@ def rotate(rays_y, rays_x, first, matrices, y, x):  # type: ignore[no-untyped-de
 
 @njit(cache=True, error_model="numpy")
 def bend_rays(y, x, lens, tilt):  # type: ignore[no-untyped-def]
-    """Rays as the lens images them."""
+    """Rays as the lens images them, in place.
+
+    Args:
+        y: (samples,), at z = 1.
+        x: (samples,), at z = 1.
+        lens: (14,), OpenCV's coefficients.
+        tilt: (3, 3), of the lens's tilt.
+    """
     for s in range(len(x)):
         if x[s] == NOWHERE:
             continue
@@ -97,6 +146,13 @@ def bend_rays(y, x, lens, tilt):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, fastmath=True)
 def to_pixels(y, x, camera):  # type: ignore[no-untyped-def]
+    """Rays to pixels, in place.
+
+    Args:
+        y: (samples,), at z = 1, then pixels.
+        x: (samples,), at z = 1, then pixels.
+        camera: (4,), focal lengths and centre in pixels, by row and by column.
+    """
     for s in range(len(x)):
         y[s] = y[s] * camera[0] + camera[2]
         x[s] = x[s] * camera[1] + camera[3]
