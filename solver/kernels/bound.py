@@ -48,7 +48,9 @@ def correct(rank, size, dual, phi, unit, radius):  # type: ignore[no-untyped-def
     """Take the differences of φ off the unit differences of `dual`, and bring every group into its ball.
 
     Args:
-        dual: one channel's; phi: (rows + 2, columns + 2); radius: of the balls.
+        dual: (6, rows + 4, columns + 4), one channel's, in units of λ.
+        phi: (rows + 2, columns + 2), of `potential`.
+        radius: (rows + 4, columns + 4), of the balls, in units of λ.
         unit: (2,), the weights of the differences to the right and down.
     """
     rows, n = phi.shape[0] - 2, phi.shape[1] - 2

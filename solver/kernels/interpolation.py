@@ -20,7 +20,7 @@ def place(rank, size, weights, positions, scale, offset, shape, nodes, fractions
     Args:
         weights: (N, H, W), 0 = not used; positions: (N, H, W, 2).
         scale: β; offset: node of a footprint centred on coordinate 0 of the fused grid's edges.
-        shape: rows and columns of nodes.
+        shape: (rows, columns) of nodes.
         nodes: (N, H, W) int32 ← the node's number in a padded image, −1 = not used.
         fractions: (2, N, H, W) ← parts of a node by row and by column.
         spans: (N, H, 2) ← the least and the largest node of each frame row, (all nodes, −1): none.
