@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Burst, burst
+from made_bursts import Burst, burst
 
 from solver import Footprint, FusionOptions, FusionWarning, fuse
 from solver.geometry.positions import sample_positions
