@@ -49,7 +49,8 @@ def share(loop: Callable[..., None], *arguments: Any) -> None:
     There are as many threads as Numba may use, but one while another team is at work: loops must give the
     same bits for any size. Such a loop compiles in half the time of one that Numba makes parallel.
     """
-    size = numba.get_num_threads()
+    # What is not compiled holds Python's lock, and has no barrier.
+    size = 1 if numba.config.DISABLE_JIT else numba.get_num_threads()  # type: ignore[attr-defined]
     if size == 1 or not _one_team.acquire(blocking=False):
         loop(0, 1, *arguments)
         return
