@@ -58,9 +58,13 @@ def tilt_matrix(coefficients: Float) -> Float:
     """The homography of a tilted sensor (τx, τy), identity where both are zero."""
     tx, ty = coefficients[12:14]
     cx, sx, cy, sy = np.cos(tx), np.sin(tx), np.cos(ty), np.sin(ty)
-    turn = np.array([[cy, 0, -sy], [0, 1, 0], [sy, 0, cy]]) @ np.array([[1, 0, 0], [0, cx, sx], [0, -sx, cx]])
-    project = np.array([[turn[2, 2], 0, -turn[0, 2]], [0, turn[2, 2], -turn[1, 2]], [0, 0, 1]])
-    tilt: Float = project @ turn
+    rotation = np.array([[cy, 0, -sy], [0, 1, 0], [sy, 0, cy]]) @ np.array(
+        [[1, 0, 0], [0, cx, sx], [0, -sx, cx]]
+    )
+    project = np.array(
+        [[rotation[2, 2], 0, -rotation[0, 2]], [0, rotation[2, 2], -rotation[1, 2]], [0, 0, 1]]
+    )
+    tilt: Float = project @ rotation
     return tilt
 
 

@@ -39,10 +39,10 @@ def sample_positions(
         raise FusionInputError("give either shifts (N, 2) or rotations (N, 3), and not both")
     if shifts is not None:
         return _shifted(shape, _checked("shifts", shifts, (shape[0], 2)))
-    turns = _checked("rotations", rotations, (shape[0], 3))
+    vectors = _checked("rotations", rotations, (shape[0], 3))
     if intrinsics is None:
         raise FusionInputError("rotations need the camera's intrinsics (3 × 3) to become pixel positions")
-    return rotated_positions(turns, shape[1:], intrinsics, distortion)
+    return rotated_positions(vectors, shape[1:], intrinsics, distortion)
 
 
 def rotated_positions(
@@ -64,10 +64,10 @@ def rotated_positions(
 
 def rotation_matrix(vector: ArrayLike) -> NDArray[np.float64]:
     """Rodrigues' formula: 3 × 3 matrices (..., 3, 3) of rotation vectors (..., 3) in radians."""
-    turn = np.asarray(vector, dtype=np.float64)
-    matrices = np.empty((turn.size // 3, 3, 3))
-    rotation_matrices(np.ascontiguousarray(turn).reshape(-1, 3), matrices)
-    return matrices.reshape(*turn.shape, 3)
+    vectors = np.asarray(vector, dtype=np.float64)
+    matrices = np.empty((vectors.size // 3, 3, 3))
+    rotation_matrices(np.ascontiguousarray(vectors).reshape(-1, 3), matrices)
+    return matrices.reshape(*vectors.shape, 3)
 
 
 def rotation_vector(matrix: ArrayLike) -> NDArray[np.float64]:

@@ -79,22 +79,22 @@ def correct(rank, size, dual, phi, unit, radius):  # type: ignore[no-untyped-def
 
 
 @njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
-def least(rank, size, slope, weight, mean, low, high, sums):  # type: ignore[no-untyped-def]
-    """sums (rows,) ← Σ of the least w (x − m)² + slope · x over x in [low, high], by row in float64.
+def least(rank, size, linear, weight, mean, low, high, sums):  # type: ignore[no-untyped-def]
+    """sums (rows,) ← Σ of the least w (x − m)² + linear · x over x in [low, high], by row in float64.
 
     The bounds are those of the data: clipping a map to them lowers every term of the objective, so they
-    change no minimum, and they keep the sum finite where no sample falls (w = 0). slope (rows, columns).
+    change no minimum, and they keep the sum finite where no sample falls (w = 0). linear (rows, columns).
 
     Args:
-        slope: (rows, columns), the linear part.
+        linear: (rows, columns), the linear part.
         weight: (rows + 4, columns + 4), padded by 2, w in 1 / λ².
         mean: (rows + 4, columns + 4), padded by 2, m in units of λ.
         sums: (rows,), in float64.
     """
-    rows, n = slope.shape
+    rows, n = linear.shape
     for row in range(rank * rows // size, (rank + 1) * rows // size):
         i, total = row + 2, 0.0
-        weights, means, slopes = weight[i, 2 : 2 + n], mean[i, 2 : 2 + n], slope[row]
+        weights, means, slopes = weight[i, 2 : 2 + n], mean[i, 2 : 2 + n], linear[row]
         for j in range(n):
             w, m, z = float(weights[j]), float(means[j]), float(slopes[j])
             bound = low if z > 0 else high

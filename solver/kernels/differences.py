@@ -41,13 +41,13 @@ def _second_difference(image, i, j, corner, side, centre):  # type: ignore[no-un
 
 
 @njit(cache=True, error_model="numpy")
-def mixed_differences(distance, inverse, span):  # type: ignore[no-untyped-def]
+def mixed_differences(distance, inverse, ambiguity):  # type: ignore[no-untyped-def]
     """The finite |mixed second differences| of frames (N, H, W), each over its deviation for σ² = inverse.
 
     Args:
         inverse: 1 / amplitude² like distance, or (0, H, W): every deviation is then that for σ = 1. Where it
             is infinite, a sample tells nothing of the noise.
-        span: the ambiguity range, whole ones of which are taken off; 0 = none.
+        ambiguity: the ambiguity range, whole ones of which are taken off; 0 = none.
     """
     frames, rows, columns = distance.shape
     out = np.empty(frames * max(0, rows - 2) * max(0, columns - 2), np.float32)
@@ -57,8 +57,8 @@ def mixed_differences(distance, inverse, span):  # type: ignore[no-untyped-def]
         for i in range(1, rows - 1):
             for j in range(1, columns - 1):
                 value = _second_difference(distance[k], i, j, one, -two, four)
-                if span > 0:
-                    value -= span * np.float32(np.round(value / span))
+                if ambiguity > 0:
+                    value -= ambiguity * np.float32(np.round(value / ambiguity))
                 scale = six
                 if inverse.shape[0] > 0:
                     scale = np.sqrt(_second_difference(inverse[k], i, j, one, four, four * four))

@@ -78,9 +78,9 @@ def transpose(rank, size, dual, weights, out):  # type: ignore[no-untyped-def]
         a5, b5 = view(dual, (5, i), 2, n), view(dual, (5, i - 2), 2, n)
         target = view(out, (row,), 0, n)
         for j in range(n):
-            slope = w0 * (float(a0[j]) - b0[j]) + w1 * (float(a1[j]) - b1[j])
-            slope += w2 * (float(a2[j]) - b2[j]) + w3 * (float(a3[j]) - b3[j])
-            target[j] = slope + w4 * (float(a4[j]) - b4[j]) + w5 * (float(a5[j]) - b5[j])
+            value = w0 * (float(a0[j]) - b0[j]) + w1 * (float(a1[j]) - b1[j])
+            value += w2 * (float(a2[j]) - b2[j]) + w3 * (float(a3[j]) - b3[j])
+            target[j] = value + w4 * (float(a4[j]) - b4[j]) + w5 * (float(a5[j]) - b5[j])
 
 
 @njit(fastmath=True, cache=True)

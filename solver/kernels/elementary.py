@@ -1,6 +1,6 @@
 """Elementary functions of float32 that loops can vectorise, and half as long numbers to keep strengths in.
 
-The library's own are called one by one, which takes ten times as long. Polynomials after Cephes (Moshier,
+The library's own are called one by one, which takes far longer. Polynomials after Cephes (Moshier,
 "Methods and Programs for Mathematical Functions", 1989): to 2 units in the last place.
 """
 

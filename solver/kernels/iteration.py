@@ -44,10 +44,10 @@ def error(history, count, least):  # type: ignore[no-untyped-def]
     later e: if falls go on with the ratio e / d, what is left is e² / (d − e). Three times the estimate, and
     at least the last fall, is for falls that slow down.
     """
-    span = max(least, count // 3)
-    if count <= 2 * span:
+    window = max(least, count // 3)
+    if count <= 2 * window:
         return np.inf
-    last, before, first = history[count - 1], history[count - 1 - span], history[count - 1 - 2 * span]
+    last, before, first = history[count - 1], history[count - 1 - window], history[count - 1 - 2 * window]
     older, later = max(first - before, 0.0), max(before - last, 0.0)
     ratio = min(later / older, 0.95) if older > 0 else 0.0
     return later * max(1.0, 3 * ratio / (1 - ratio))
@@ -69,7 +69,7 @@ def decide(own, count, sums, fit, dd, epsilon, rule):  # type: ignore[no-untyped
     Returns:
         the factors of direction and last step, and what becomes of fit, dd and epsilon; 1 = settled.
     """
-    tolerance, hide, fall_of_epsilon, patience, _, span = rule
+    tolerance, hide, fall_of_epsilon, patience, _, window = rule
     roughness, hidden, along, across, data_along, data_across, lzz, lzd, ldd, zz, zd = _total(sums)
     a, b = least(along, across, lzz + zz, lzd + zd, ldd + dd)
     value = fit + roughness
@@ -77,7 +77,7 @@ def decide(own, count, sums, fit, dd, epsilon, rule):  # type: ignore[no-untyped
     # The new step's product with the data's operator follows from those of the two it is made of.
     dd = a * a * zz + 2 * a * b * zd + b * b * dd
     fit += a * data_along + b * data_across + 0.5 * dd
-    left = error(own, count + 1, span)
+    left = error(own, count + 1, window)
     settled = hidden <= hide * value and left <= tolerance * value
     if hidden > max(0.5 * hide * value, patience * left if left < np.inf else 0.0):
         epsilon *= fall_of_epsilon

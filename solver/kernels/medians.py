@@ -73,7 +73,7 @@ def _order(upper, lower):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def judge(rank, size, measured, sigma, positions, bounds, slack, span, agrees, against):  # type: ignore[no-untyped-def]
+def judge(rank, size, measured, sigma, positions, bounds, slack, ambiguity, agrees, against):  # type: ignore[no-untyped-def]
     """agrees (N, H, W) ← whether each sample lies near enough to what the frames around it say.
 
     Args:
@@ -82,7 +82,7 @@ def judge(rank, size, measured, sigma, positions, bounds, slack, span, agrees, a
         positions: (N, H, W, 2), pixels of frame 0.
         bounds: two of (H, W), least and greatest distance around, ∓∞ = unknown: whatever is said agrees.
         slack: in units of high − low from the middle, in deviations, in units of the middle.
-        span: the ambiguity range, whole ones of which do not count; 0 = they do.
+        ambiguity: the ambiguity range, whole ones of which do not count; 0 = they do.
         agrees: (N, H, W) ←.
         against: (N, H) ← samples of a row that do not agree.
     """
@@ -93,7 +93,7 @@ def judge(rank, size, measured, sigma, positions, bounds, slack, span, agrees, a
         k, i = line // rows, line % rows
         _find(positions[k, i], rows, columns, places)
         own = measured[k, i], sigma[k, i]
-        against[k, i] = _judge_row(own, places, low, high, slack, span, agrees[k, i])
+        against[k, i] = _judge_row(own, places, low, high, slack, ambiguity, agrees[k, i])
 
 
 @njit
@@ -107,7 +107,7 @@ def _find(positions, rows, columns, places):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy")
-def _judge_row(own, places, low, high, slack, span, agrees):  # type: ignore[no-untyped-def]
+def _judge_row(own, places, low, high, slack, ambiguity, agrees):  # type: ignore[no-untyped-def]
     """`judge` for one row; how many samples of it do not agree."""
     (measured, sigma), n = own, places.size
     ds, deviations, verdicts = measured[:n], sigma[:n], agrees[:n]
@@ -117,8 +117,8 @@ def _judge_row(own, places, low, high, slack, span, agrees):  # type: ignore[no-
         least, most = low[place], high[place]
         middle = half * (least + most)
         away = abs(ds[j] - middle)
-        if span > 0:
-            away = abs(away - span * np.round(away / span))
+        if ambiguity > 0:
+            away = abs(away - ambiguity * np.round(away / ambiguity))
         allowed = slack[0] * (most - least) + slack[1] * deviations[j] + slack[2] * abs(middle)
         agree = not away > (allowed if places[j] >= 0 else never)  # NaN agrees
         verdicts[j] = agree

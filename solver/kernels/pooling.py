@@ -59,8 +59,8 @@ def write_phasors(distance, amplitude, rate, middle, factor, values, weights):  
             d, light, weight = distance[k, i], amplitude[k, i], weights[k, i]
             real, imaginary = values[0, k, i], values[1, k, i]
             for j in range(width):
-                turns = d[j] * rate
-                h = pi * (turns - np.floor(turns + half))
+                cycles = d[j] * rate
+                h = pi * (cycles - np.floor(cycles + half))
                 q = h * h
                 sine = h * (one + q * (s3 + q * (s5 + q * (s7 + q * s9))))
                 cosine = one + q * (c2 + q * (c4 + q * (c6 + q * (c8 + q * c10))))

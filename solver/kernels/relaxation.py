@@ -52,7 +52,7 @@ def _fade_row(sums, rest, i, keep):  # type: ignore[no-untyped-def]
 def _stiffen(image, i, strength, epsilon2, scratch):  # type: ignore[no-untyped-def]
     """λ / √(|∇U|² + ε²) of a row, |∇U|² the mean over both sides: one alone would shift what is smoothed.
 
-    A mean over 3 × 3 nodes holds edges less well, and registration errs by a tenth more.
+    A mean over 3 × 3 nodes would hold edges less well.
     """
     channels, rows, columns = image.shape
     if i < 0 or i == rows:

@@ -21,8 +21,7 @@ REACH = 2
 """Rows that the prior reaches."""
 
 STRIP = 8
-"""Rows done at a time: few enough to stay in cache, as a call passes all those arrays. Measured: with half as
-many an iteration takes an eighth longer for a small image, and as long for a large one."""
+"""Rows done at a time: few enough to stay in cache, many enough that passing all those arrays does not count."""
 
 DESCENT, BENDS = 6, 5
 """Sums by row of `descend`, and after them of `bend`."""

@@ -89,9 +89,9 @@ def _normalised(image: Image) -> Image:
     if not finite.any():
         return np.zeros_like(image)
     low, high = np.percentile(image[finite], (1, 99))
-    span = float(high - low)
+    extent = float(high - low)
     flat = np.where(finite, image, low)
-    return np.asarray((flat - low) / span if span > 0 else np.zeros_like(image), np.float32)
+    return np.asarray((flat - low) / extent if extent > 0 else np.zeros_like(image), np.float32)
 
 
 def _stencil(weight: Image, guide: Image | None, strength: float) -> Image:

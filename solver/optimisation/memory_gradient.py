@@ -47,7 +47,7 @@ _BOUT = 10
 
 _CREEPING = 60
 """Iterations of one kind, after which come as many of the other: those whose direction is made on several
-grids cost more, and few scenes need any; where the rounding is fine, they lag in turn at single pixels."""
+grids cost more, and few scenes need any; where the rounding is fine, they in turn lag at single pixels."""
 
 _REFRESH = 20
 """Iterations after which the data term's gradient, till then updated, is computed anew against rounding."""
@@ -180,7 +180,7 @@ def minimise(
     progress: Progress | None = None,
     certify: bool = True,
     rounding: float | None = None,
-    span: int = 3,
+    window: int = 3,
     memory: Memory | None = None,
 ) -> Outcome:
     """Run until the objective has settled.
@@ -193,8 +193,8 @@ def minimise(
         certify: compute the gap, which is NaN otherwise.
         rounding: the part of the objective that the rounded corner may hide; an eighth of the tolerance
             unless given. Duals settle much sooner at a fixed ε, so for a small gap give more.
-        span: the least number of iterations over which a fall of the objective is measured; a start near the
-            minimum needs no more than one.
+        window: the least number of iterations over which a fall of the objective is measured; a start near
+            the minimum needs no more than one.
         memory: of a run before that ended at this state, on about the same data.
     """
     hide = _ROUNDING * tolerance if rounding is None else rounding
@@ -205,14 +205,14 @@ def minimise(
     epsilon = state.epsilon or _first_epsilon(prior.norms(state.x, state.slope))
     epsilon = epsilon if epsilon > finest else _LEAST
     numbers = np.array([epsilon, fit, 0.0, 0.0, 0.0])
-    rule = (tolerance, hide, _FALL, _PATIENCE, _REFRESH, span)
+    rule = (tolerance, hide, _FALL, _PATIENCE, _REFRESH, window)
     before, history, settled = 0, np.zeros(0), False
-    turns = cycle((memory.iterate_on_levels, memory.iterate))
+    kinds = cycle((memory.iterate_on_levels, memory.iterate))
     iterate = memory.iterate
     while before + len(history) < limit and not settled:
         if len(history) >= _CREEPING:
             # Falls of another direction tell nothing about what this one leaves.
-            before, history, iterate = before + len(history), np.zeros(0), next(turns)
+            before, history, iterate = before + len(history), np.zeros(0), next(kinds)
             numbers[loop.DONE] = 0
         history = np.append(history, np.zeros(min(_BOUT, limit - before - len(history))))
         iterate(term, prior, state, numbers, history, rule)

@@ -13,7 +13,7 @@ from solver.errors import FusionInputError
 from solver.kernels import bound as bounds
 from solver.kernels import sparse as kernels
 from solver.kernels.group import PAD
-from solver.optimisation.certificate import slope
+from solver.optimisation.certificate import divergence
 from solver.optimisation.padding import padded
 from solver.optimisation.prior import Prior
 from solver.optimisation.term import Operator, State
@@ -86,11 +86,11 @@ class SparseTerm:
     def certify(self, state: State, dual: NDArray[np.floating], prior: Prior) -> tuple[float, float]:
         """See `Term`; the duals are changed."""
         # Where there is no sample the duals' divergence has to be 0; around it, any is allowed.
-        phi = bounds.potential(slope(dual, prior.weights)[0], self._weight, _SWEEPS)
+        phi = bounds.potential(divergence(dual, prior.weights)[0], self._weight, _SWEEPS)
         team.share(bounds.correct, dual[0], phi, prior.weights[:2].astype(dual.dtype), state.radius)
-        tilt = slope(dual, prior.weights)[0]
-        seen, sums = self._mean[self._weight > 0], np.zeros(len(tilt))
-        team.share(bounds.least, tilt, self._weight, self._mean, float(seen.min()), float(seen.max()), sums)
+        linear = divergence(dual, prior.weights)[0]
+        seen, sums = self._mean[self._weight > 0], np.zeros(len(linear))
+        team.share(bounds.least, linear, self._weight, self._mean, float(seen.min()), float(seen.max()), sums)
         return self.value(state.x), float(sums.sum()) + self._constant
 
 

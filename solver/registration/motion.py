@@ -51,7 +51,7 @@ class Shift:
 
 
 @dataclass(frozen=True, slots=True)
-class Turn:
+class Rotation:
     """Rotation vectors (N, 3) of a calibrated camera."""
 
     intrinsics: Float
@@ -59,7 +59,7 @@ class Turn:
     rotational: bool = True
 
     @classmethod
-    def of(cls, intrinsics: object, distortion: object) -> "Turn":
+    def of(cls, intrinsics: object, distortion: object) -> "Rotation":
         """Check the calibration."""
         return cls(camera_matrix(intrinsics), lens_coefficients(distortion))  # type: ignore[arg-type]
 
@@ -106,4 +106,4 @@ class Turn:
         return np.array([1 / focal, 1 / focal, 4 / focal])  # roll moves a pixel by its distance to the centre
 
 
-Motion = Shift | Turn
+Motion = Shift | Rotation

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from solver.geometry.points import rotations_to_shifts, shifts_to_rotations
 from solver.kernels.matching import search
-from solver.registration.motion import Motion, Turn
+from solver.registration.motion import Motion, Rotation
 from solver.registration.samples import Samples
 
 # Deviations at which a difference counts half, so that occlusion edges do not decide. Pooled weights are
@@ -30,26 +30,30 @@ def find_start(
         guided: look next to the guess instead of up to a quarter of the image away.
     """
     height, width = coarse.shape
-    turn = motion if isinstance(motion, Turn) else None
-    centre = guess[:, :2] if turn is None else rotations_to_shifts(guess, shape, turn.intrinsics, turn.lens)
+    rotation = motion if isinstance(motion, Rotation) else None
+    centre = (
+        guess[:, :2]
+        if rotation is None
+        else rotations_to_shifts(guess, shape, rotation.intrinsics, rotation.lens)
+    )
     if guided:
         found = search_shifts(coarse, reference, centre, (1, 1), BETTER)
     else:
         centre = np.zeros_like(centre)
         found = search_shifts(coarse, reference, centre, (max(1, height // 4), max(1, width // 4)))
-    if turn is None:
+    if rotation is None:
         return start_at(found, shape, motion)
     moved = (found != centre).any(axis=1)
     start = guess.copy()
     if not moved.any():
         return start
-    start[moved] = start_at(found[moved], shape, turn)
+    start[moved] = start_at(found[moved], shape, rotation)
     return start
 
 
 def start_at(shifts: NDArray[np.float64], shape: tuple[int, int], motion: Motion) -> NDArray[np.float64]:
     """Parameters (N, 3) of the motion for displacements (N, 2) in full-resolution pixels."""
-    if isinstance(motion, Turn):
+    if isinstance(motion, Rotation):
         return shifts_to_rotations(shifts, shape, motion.intrinsics, motion.lens)
     return np.column_stack([shifts, np.zeros(len(shifts))])
 

@@ -6,7 +6,7 @@ import pytest
 
 from solver.geometry.positions import sample_positions
 from solver.kernels.bound import correct, potential
-from solver.optimisation.certificate import slope
+from solver.optimisation.certificate import divergence
 from solver.optimisation.footprint import AreaTerm
 from solver.optimisation.memory_gradient import Outcome, minimise
 from solver.optimisation.prior import Prior, level
@@ -136,10 +136,10 @@ def test_what_unseen_pixels_leave_goes_to_seen_ones_around() -> None:
     rng = np.random.default_rng(4)
     x, weight = rng.normal(size=(1, 44, 54)), (rng.random((44, 54)) < 0.4).astype(float)
     dual = Prior().duals(x, np.ones_like(x[0]), level(x), 1.0)
-    before = slope(dual, Prior().weights)[0]
+    before = divergence(dual, Prior().weights)[0]
     phi = potential(before, weight, 200)
     correct(0, 1, dual[0], phi, Prior().weights[:2].astype(float), np.full_like(x[0], 1e3))
-    left = slope(dual, Prior().weights)[0]
+    left = divergence(dual, Prior().weights)[0]
     unseen = weight[2:-2, 2:-2] == 0
     assert np.abs(before[unseen]).max() > 1
     np.testing.assert_allclose(left[unseen], 0, atol=1e-9)
