@@ -92,7 +92,7 @@ def ray_lengths(shape: tuple[int, int], intrinsics: ArrayLike, distortion: Array
     return _lengths(shape, tuple(K.ravel().tolist()), tuple(lens.tolist()))
 
 
-@lru_cache(maxsize=4)  # every map needs them; for a fused one they cost 3 ms
+@lru_cache(maxsize=4)  # every map needs them
 def _lengths(shape: tuple[int, int], intrinsics: tuple[float, ...], lens: tuple[float, ...]) -> Float:
     rays = _rays(shape, intrinsics, lens)
     lengths: Float = np.sqrt(1.0 + rays[..., 0] ** 2 + rays[..., 1] ** 2)

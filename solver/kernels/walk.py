@@ -21,7 +21,7 @@ REACH = 2
 """Rows that the prior reaches."""
 
 STRIP = 8
-"""Rows done at a time: few enough to stay in cache, many enough that passing all those arrays does not count."""
+"""Rows done at a time: few enough to stay in cache, many enough that a call's many arguments do not count."""
 
 DESCENT, BENDS = 6, 5
 """Sums by row of `descend`, and after them of `bend`."""

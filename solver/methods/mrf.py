@@ -27,7 +27,7 @@ Image = NDArray[np.float32]
 EDGE = 0.02  # of the guide's range: a step at which a link has exp(−½) of its weight; c = 1 / (2 · EDGE²)
 GUIDED, PLAIN = (4.0, 1000.0), (0.02, 60.0)
 """λ of `auto` = a + b · (σ / the scene's range)²: links that stop at edges may be stiff, others would blur
-them. The square is a Gaussian prior's, the constants are measured; half or double costs a few per cent."""
+them. The square is a Gaussian prior's, the constants are set by trial; the optimum is flat."""
 
 LEAST_LINK = 1e-3  # of the weight of a full one, so that no pixel hangs in the air
 

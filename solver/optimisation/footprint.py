@@ -90,7 +90,7 @@ class AreaTerm:
         self.curvature: NDArray[np.floating] = self._row_sums()
 
     def _row_sums(self) -> NDArray[np.floating]:
-        """Half of them: a row's sum bounds its curvature; half was measured to need the fewest iterations."""
+        """Half of them: a row's sum bounds its curvature, and half of it needs fewer iterations."""
         inside = np.zeros((1, self.shape[1] + 2 * PAD, self.shape[2] + 2 * PAD), self._side.dtype)
         inside[:, PAD:-PAD, PAD:-PAD] = 1
         sums = np.zeros_like(inside)

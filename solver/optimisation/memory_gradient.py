@@ -33,8 +33,8 @@ Image = NDArray[np.floating]
 
 _EPSILON, _FALL, _PATIENCE = 1.0, 0.8, 0.3
 """The first ε, in units of λ (or the mean ‖∇X − s‖ where that is less), its fall in one iteration, and the
-part of what is still to be gained that the rounding may hide before ε falls on. Measured: a slower or more
-patient fall takes up to twice the iterations, a faster one settles further from the minimum."""
+part of what is still to be gained that the rounding may hide before ε falls on. A slower or more
+patient fall takes more iterations, a faster one settles further from the minimum."""
 
 _LEAST = 0.01
 """The least first ε: a start that is nearly flat says nothing of the gradients to come."""

@@ -40,12 +40,12 @@ _TAPS = 3
 
 _RENEWED, _BLUNTER = 8, 8.0
 """The most iterations of the last pass where a stream is prepared anew, and the factor on the ε it starts
-from: to the end it would take 25 to 40, for a mean absolute error that is up to 3 % larger."""
+from: to the end it would take several times as many, for a map that is no better."""
 
 _A_FEW, _PLAIN = 2, 4
 """The most iterations after an exchange of one frame, with weights and without: what is left, those after the
-next ones do. In streams, twice as many give the same errors to 1 %; without weights, 2 fell behind the data.
-Where more frames changed, so did the scene, and `_RENEWED` follow it."""
+next ones do. Without weights, fewer fall behind the data. Where more frames changed, so did the scene, and
+`_RENEWED` follow it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +109,7 @@ class Trail:
         """The end of a pass as a start without weights, in another unit.
 
         ε goes on as it was in the first pass alone: the weights that the others are given are new, and a
-        corner as sharp as the old ones' took up to twice the iterations. A last pass that has followed the
+        corner as sharp as the old ones' would take longer. A last pass that has followed the
         data is not to be run to its end, and starts from a blunter one.
         """
         state, kind = self.states[number], self.states[number].x.dtype.type

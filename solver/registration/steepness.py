@@ -36,7 +36,7 @@ def thinned(image: Image) -> Image:
 
 
 def quantile(values: Image, share: float) -> float:
-    """The nearest value instead of NumPy's interpolated one, in a third of its time."""
+    """The nearest value instead of NumPy's interpolated one, which takes longer."""
     k = round(share * (len(values) - 1))
     return float(np.partition(values, k)[k])
 

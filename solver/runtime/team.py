@@ -1,8 +1,8 @@
 """A few threads that walk one loop together and meet at barriers.
 
-A parallel region of Numba's wakes its threads and lets them sleep again: measured 0.1–0.3 ms each time, as
-long as a whole pass over an image takes, several times an iteration. Here the threads stay awake for as long
-as the loop runs, and a meeting takes a tenth of a microsecond. Who waits long lets others run.
+A parallel region of Numba's wakes its threads and lets them sleep again, which takes as long as a whole
+pass over an image, several times an iteration. Here the threads stay awake for as long as the loop runs,
+and a meeting costs next to nothing. Who waits long lets others run.
 """
 
 import os
