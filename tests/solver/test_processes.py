@@ -53,6 +53,7 @@ def run(folder: Path, how: str, *methods: str, **environment: str) -> tuple[list
     return [np.array(one) for one in json.loads(said.stdout)], said.stderr
 
 
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize("how", ["fork", "spawn"])
 def test_a_process_that_was_forked_or_spawned_fuses_alike(tmp_path: Path, how: str) -> None:
     (here,), _ = run(tmp_path, "here", "lidarboost")
