@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from solver import checks
 from solver.completion.complete import complete
 from solver.errors import FusionInputError, FusionWarning
+from solver.geometry.points import rotations_to_shifts
 from solver.geometry.positions import sample_positions
 from solver.methods import load
 from solver.options import FusionOptions, Method
@@ -74,14 +75,14 @@ def fuse(
     frames = checks.check_frames(distance)
     light = checks.check_amplitude(amplitude, frames.shape)
     matrix, lens = checks.check_intrinsics(intrinsics, distortion)
-    span = checks.check_scalar("ambiguity_range", ambiguity_range)
+    ambiguity_range = checks.check_scalar("ambiguity_range", ambiguity_range)
     given = checks.check_scalar("noise", noise)
     factor = int(options.upsampling)
     image = checks.check_guide(guide, (frames.shape[1] * factor, frames.shape[2] * factor))
-    options = replace(options, method=resolve(options.method, light, span))
+    options = replace(options, method=resolve(options.method, light, ambiguity_range))
 
     begin = time.perf_counter()
-    poses = _align(frames, light, span, shifts, rotations, initial, matrix, lens)
+    poses = _align(frames, light, ambiguity_range, shifts, rotations, initial, matrix, lens)
     used = [k for k in range(len(frames)) if k not in poses.rejected]
     registered = time.perf_counter()
 
@@ -90,19 +91,19 @@ def fuse(
         if poses.rotations is None:
             positions = sample_positions(shape, shifts=poses.shifts[used])
         else:
-            turns = poses.rotations[used]
-            positions = sample_positions(shape, rotations=turns, intrinsics=matrix, distortion=lens)
+            vectors = poses.rotations[used]
+            positions = sample_positions(shape, rotations=vectors, intrinsics=matrix, distortion=lens)
         problem = prepare(
             frames[used],
             None if light is None else light[used],
             positions,
             options=options,
-            ambiguity_range=span,
+            ambiguity_range=ambiguity_range,
             noise=given,
             guide=image,
         )
         solution = load(options.method)(problem, progress=progress)
-        fused, spread, reason = complete(problem, solution)
+        fused, deviation, reason = complete(problem, solution)
     seconds = Seconds(registered - begin, time.perf_counter() - registered)
     if not solution.converged:
         warn_unconverged(options, solution, stacklevel=3)
@@ -119,7 +120,7 @@ def fuse(
         rejected=poses.rejected,
         contradicted=problem.contradicted,
     )
-    return Fused(fused, spread, solution.amplitude, poses.shifts, poses.rotations, report, reason)
+    return Fused(fused, deviation, solution.amplitude, poses.shifts, poses.rotations, report, reason)
 
 
 def warn_unconverged(options: FusionOptions, solution: Solution, stacklevel: int) -> None:
@@ -157,17 +158,17 @@ def _align(
     if shifts is not None and rotations is not None:
         raise FusionInputError("shifts and rotations are both given; expected at most one of them")
     exact = checks.check_vectors("shifts", shifts, count, (2,))
-    turns = checks.check_vectors("rotations", rotations, count, (3,))
+    vectors = checks.check_vectors("rotations", rotations, count, (3,))
     guess = checks.check_vectors("initial", initial, count, (2, 3))
-    if turns is not None and intrinsics is None:
+    if vectors is not None and intrinsics is None:
         raise FusionInputError("rotations need intrinsics; give the 3 × 3 camera matrix too")
     if guess is not None and guess.shape[1] == 3 and intrinsics is None:
         raise FusionInputError("initial holds rotations, which need intrinsics; give them or (N, 2) shifts")
     empty = {k: "no valid pixel" for k in range(count) if np.isnan(distance[k]).all()}
     if exact is not None:
         return Poses(exact, None, empty)
-    if turns is not None:
-        return Poses(_central_shifts(distance.shape, turns, intrinsics, distortion), turns, empty)
+    if vectors is not None and intrinsics is not None:
+        return Poses(rotations_to_shifts(vectors, distance.shape[1:], intrinsics, distortion), vectors, empty)
     if count == 1:
         return Poses(np.zeros((1, 2)), None if intrinsics is None else np.zeros((1, 3)), empty)
     from solver.registration import register
@@ -181,17 +182,3 @@ def _align(
         ambiguity_range=ambiguity_range,
     )
     return Poses(found.shifts, found.rotations, {**found.rejected, **empty})
-
-
-def _central_shifts(
-    shape: tuple[int, int, int],
-    rotations: NDArray[np.float64],
-    intrinsics: NDArray[np.float64] | None,
-    distortion: NDArray[np.float64] | None,
-) -> NDArray[np.float64]:
-    """(N, 2): how far rotations move the image centre, the mean over the one to four pixels around it."""
-    rows, columns = shape[1:]
-    positions = sample_positions(shape, rotations=rotations, intrinsics=intrinsics, distortion=distortion)
-    window = (slice((rows - 1) // 2, rows // 2 + 1), slice((columns - 1) // 2, columns // 2 + 1))
-    middle = positions[:, window[0], window[1]].mean(axis=(1, 2), dtype=np.float64)
-    return np.asarray(middle - [(rows - 1) / 2, (columns - 1) / 2])

@@ -12,7 +12,7 @@ of place, and b is in fused pixels. The constants are measured on simulated scen
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.kernels import deviation as kernels
+from solver.kernels import uncertainty as kernels
 from solver.options import SINGLE
 from solver.preparation.problem import Problem, Solution
 from solver.runtime import team

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.kernels import reason as kernels
+from solver.kernels import votes as kernels
 from solver.preparation.problem import Problem
 
 MEASURED, FILLED, DARK, SATURATED, CONTRADICTED, OUTSIDE = range(6)

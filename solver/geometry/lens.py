@@ -58,9 +58,13 @@ def tilt_matrix(coefficients: Float) -> Float:
     """The homography of a tilted sensor (τx, τy), identity where both are zero."""
     tx, ty = coefficients[12:14]
     cx, sx, cy, sy = np.cos(tx), np.sin(tx), np.cos(ty), np.sin(ty)
-    turn = np.array([[cy, 0, -sy], [0, 1, 0], [sy, 0, cy]]) @ np.array([[1, 0, 0], [0, cx, sx], [0, -sx, cx]])
-    project = np.array([[turn[2, 2], 0, -turn[0, 2]], [0, turn[2, 2], -turn[1, 2]], [0, 0, 1]])
-    tilt: Float = project @ turn
+    rotation = np.array([[cy, 0, -sy], [0, 1, 0], [sy, 0, cy]]) @ np.array(
+        [[1, 0, 0], [0, cx, sx], [0, -sx, cx]]
+    )
+    project = np.array(
+        [[rotation[2, 2], 0, -rotation[0, 2]], [0, rotation[2, 2], -rotation[1, 2]], [0, 0, 1]]
+    )
+    tilt: Float = project @ rotation
     return tilt
 
 
@@ -88,7 +92,7 @@ def ray_lengths(shape: tuple[int, int], intrinsics: ArrayLike, distortion: Array
     return _lengths(shape, tuple(K.ravel().tolist()), tuple(lens.tolist()))
 
 
-@lru_cache(maxsize=4)  # every map needs them; for a fused one they cost 3 ms
+@lru_cache(maxsize=4)  # every map needs them
 def _lengths(shape: tuple[int, int], intrinsics: tuple[float, ...], lens: tuple[float, ...]) -> Float:
     rays = _rays(shape, intrinsics, lens)
     lengths: Float = np.sqrt(1.0 + rays[..., 0] ** 2 + rays[..., 1] ** 2)
@@ -111,7 +115,7 @@ def rays_through(positions: Float, intrinsics: Float, coefficients: Float) -> Fl
     # The tilt acts last, so it is undone first.
     plane = np.concatenate([image, np.ones((*image.shape[:-1], 1))], axis=-1)
     plane = plane @ np.linalg.inv(tilt_matrix(coefficients)).T
-    from solver.kernels.lens import undistort  # only here: Numba takes long to import
+    from solver.kernels.distortion import undistort  # only here: Numba takes long to import
 
     rays: Float = undistort((plane[..., :2] / plane[..., 2:]).reshape(-1, 2), coefficients)
     if not np.isfinite(rays).all():

@@ -94,23 +94,20 @@ def rotations_to_shifts(
         FusionInputError: not (N, 3), bad intrinsics or distortion.
     """
     from solver.geometry.positions import rotation_matrix
-    from solver.kernels.lens import distort  # only here: Numba takes long to import
+    from solver.kernels.distortion import distort  # only here: Numba takes long to import
 
-    turns = np.asarray(rotations, dtype=np.float64)
-    if turns.ndim != 2 or turns.shape[1] != 3:
-        raise FusionInputError(f"rotations have shape {turns.shape}; expected (N, 3)")
+    vectors = _rows("rotations", rotations, 3)
     K, lens = camera_matrix(intrinsics), lens_coefficients(distortion)
-    centre = np.array([(shape[0] - 1) / 2, (shape[1] - 1) / 2])
-    ray = np.append(rays_through(centre, K, lens), 1.0)
-    turned = rotation_matrix(turns) @ ray
+    centre = _centre(shape)
+    rays = rotation_matrix(vectors) @ np.append(rays_through(centre, K, lens), 1.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        x, y = turned[:, 0] / turned[:, 2], turned[:, 1] / turned[:, 2]
+        x, y = rays[:, 0] / rays[:, 2], rays[:, 1] / rays[:, 2]
     u, v = distort(x, y, lens)[:2]
     plane = np.stack([u, v, np.ones_like(u)], axis=-1) @ tilt_matrix(lens).T
     rows = plane[:, 1] / plane[:, 2] * K[1, 1] + K[1, 2]
     columns = plane[:, 0] / plane[:, 2] * K[0, 0] + K[0, 2]
     shifts: NDArray[np.float64] = np.stack([rows, columns], axis=-1) - centre
-    shifts[turned[:, 2] <= 0] = np.nan
+    shifts[rays[:, 2] <= 0] = np.nan
     return shifts
 
 
@@ -122,26 +119,36 @@ def shifts_to_rotations(
 ) -> NDArray[np.float64]:
     """Rotation vectors (N, 3) without roll that displace the image centre by (dy, dx).
 
-    The inverse of `rotations_to_shifts` on its range: the shortest turn that takes the ray of the centre to
-    the ray that looks at the displaced centre.
+    The inverse of `rotations_to_shifts` on its range: the shortest rotation that takes the ray of the centre
+    to the ray that looks at the displaced centre.
 
     Raises:
         FusionInputError: not (N, 2), bad intrinsics or distortion.
     """
-    moves = np.asarray(shifts, dtype=np.float64)
-    if moves.ndim != 2 or moves.shape[1] != 2:
-        raise FusionInputError(f"shifts have shape {moves.shape}; expected (N, 2)")
+    moves = _rows("shifts", shifts, 2)
     K, lens = camera_matrix(intrinsics), lens_coefficients(distortion)
-    centre = np.array([(shape[0] - 1) / 2, (shape[1] - 1) / 2])
+    centre = _centre(shape)
     start = _unit(rays_through(centre, K, lens))
-    turns = np.zeros((len(moves), 3))
-    for turn, move in zip(turns, moves, strict=True):
+    vectors = np.zeros((len(moves), 3))
+    for vector, move in zip(vectors, moves, strict=True):
         end = _unit(rays_through(centre + move, K, lens))
         axis = np.cross(start, end)
         sine = float(np.linalg.norm(axis))
         if sine > 0:
-            turn[:] = axis / sine * np.arctan2(sine, float(start @ end))
-    return turns
+            vector[:] = axis / sine * np.arctan2(sine, float(start @ end))
+    return vectors
+
+
+def _rows(name: str, values: ArrayLike, length: int) -> NDArray[np.float64]:
+    rows = np.asarray(values, dtype=np.float64)
+    if rows.ndim != 2 or rows.shape[1] != length:
+        raise FusionInputError(f"{name} have shape {rows.shape}; expected (N, {length})")
+    return rows
+
+
+def _centre(shape: tuple[int, int]) -> NDArray[np.float64]:
+    """Row and column of the image centre, where the displacement of a rotation is told."""
+    return np.array([(shape[0] - 1) / 2, (shape[1] - 1) / 2])
 
 
 def _unit(ray: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""The operator of area footprints, Bᵀ M B x − Bᵀ b, by rows (see `kernels.footprint`).
+"""The operator of area footprints, Bᵀ M B x − Bᵀ b, by rows (see `kernels.interpolation`).
 
 B has the same taps along rows and columns; they are padded to a multiple of four with zeros, so that four are
 walked at a time. Rows come and go in rings, so that all that is on the way stays in the cache.
@@ -128,7 +128,16 @@ def apply(top, end, c, x, stencil, side, taps, size, factor, on_the_way, resume,
 
 @njit(nogil=True, cache=True)
 def transform(rank, threads, x, stencil, side, taps, size, factor, out):  # type: ignore[no-untyped-def]
-    """`apply` to every channel of x (C, …) by a team; side (C, …) or (C, 0, 0)."""
+    """out ← factor · Bᵀ (M B x − b), every channel; by a team.
+
+    Args:
+        x: (C, rows + 4, columns + 4), a map padded by 2, in units of λ.
+        stencil: (5, nodes + 2, nodes + 2), M, padded by 1.
+        side: (C, nodes + 2, nodes + 2), b, padded by 1, or (C, 0, 0) = none.
+        taps: (a multiple of four,), padded with zeros; the first `size` of them count.
+        factor: a number of x's type.
+        out: (C, rows + 4, columns + 4), padded by 2.
+    """
     rows = x.shape[1] - 4
     top, end = rank * rows // threads, (rank + 1) * rows // threads
     own = rings(x.shape[0], x.shape[2] - 4, taps, size)
@@ -138,7 +147,13 @@ def transform(rank, threads, x, stencil, side, taps, size, factor, out):  # type
 
 @njit(nogil=True, cache=True)
 def blur(rank, threads, x, taps, size, out):  # type: ignore[no-untyped-def]
-    """out (C, nodes + 2, nodes + 2) ← B x, padded by 1; by a team."""
+    """out (C, nodes + 2, nodes + 2) ← B x, padded by 1; by a team.
+
+    Args:
+        x: (C, rows + 4, columns + 4), a map padded by 2, in units of λ.
+        taps: (a multiple of four,), padded with zeros; the first `size` of them count.
+        out: (C, nodes + 2, nodes + 2), padded by 1.
+    """
     padded, one = taps.size, x.dtype.type(1)
     node_rows, nodes = x.shape[1] - 4 - size + 1, x.shape[2] - 4 - size + 1
     along = np.zeros((1, padded, nodes), x.dtype)

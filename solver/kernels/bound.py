@@ -1,6 +1,6 @@
 """The sparse term's dual bound: what the duals leave at unseen pixels goes to seen ones, then the bound.
 
-`weight`, `mean`, `radius` and `dual` are padded by 2 as in `kernels.prior`.
+`weight`, `mean`, `radius` and `dual` are padded by 2 as in `kernels.group`.
 """
 
 import numpy as np
@@ -16,7 +16,9 @@ def potential(excess, weight, sweeps):  # type: ignore[no-untyped-def]
     Sweeps down and up over the Poisson equation at unseen pixels, φ = 0 at seen ones; within a row the old
     values serve, so that it is walked in vectors. Free at the border, beyond which φ repeats.
 
-    Args: excess (rows, columns); weight, 0 = unseen.
+    Args:
+        excess: (rows, columns), in units of λ.
+        weight: (rows + 4, columns + 4), 0 = unseen.
     """
     rows, columns = excess.shape
     phi, line = np.zeros((rows + 2, columns + 2), excess.dtype), np.empty(columns, excess.dtype)
@@ -46,7 +48,9 @@ def correct(rank, size, dual, phi, unit, radius):  # type: ignore[no-untyped-def
     """Take the differences of φ off the unit differences of `dual`, and bring every group into its ball.
 
     Args:
-        dual: one channel's; phi: (rows + 2, columns + 2); radius: of the balls.
+        dual: (6, rows + 4, columns + 4), one channel's, in units of λ.
+        phi: (rows + 2, columns + 2), of `potential`.
+        radius: (rows + 4, columns + 4), of the balls, in units of λ.
         unit: (2,), the weights of the differences to the right and down.
     """
     rows, n = phi.shape[0] - 2, phi.shape[1] - 2
@@ -75,16 +79,22 @@ def correct(rank, size, dual, phi, unit, radius):  # type: ignore[no-untyped-def
 
 
 @njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
-def least(rank, size, slope, weight, mean, low, high, sums):  # type: ignore[no-untyped-def]
-    """sums (rows,) ← Σ of the least w (x − m)² + slope · x over x in [low, high], by row in float64.
+def least(rank, size, linear, weight, mean, low, high, sums):  # type: ignore[no-untyped-def]
+    """sums (rows,) ← Σ of the least w (x − m)² + linear · x over x in [low, high], by row in float64.
 
     The bounds are those of the data: clipping a map to them lowers every term of the objective, so they
-    change no minimum, and they keep the sum finite where no sample falls (w = 0). slope (rows, columns).
+    change no minimum, and they keep the sum finite where no sample falls (w = 0). linear (rows, columns).
+
+    Args:
+        linear: (rows, columns), the linear part.
+        weight: (rows + 4, columns + 4), padded by 2, w in 1 / λ².
+        mean: (rows + 4, columns + 4), padded by 2, m in units of λ.
+        sums: (rows,), in float64.
     """
-    rows, n = slope.shape
+    rows, n = linear.shape
     for row in range(rank * rows // size, (rank + 1) * rows // size):
         i, total = row + 2, 0.0
-        weights, means, slopes = weight[i, 2 : 2 + n], mean[i, 2 : 2 + n], slope[row]
+        weights, means, slopes = weight[i, 2 : 2 + n], mean[i, 2 : 2 + n], linear[row]
         for j in range(n):
             w, m, z = float(weights[j]), float(means[j]), float(slopes[j])
             bound = low if z > 0 else high

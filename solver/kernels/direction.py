@@ -1,4 +1,4 @@
-"""The preconditioned descent direction at a map, row by row; images are padded as in `kernels.prior`.
+"""The preconditioned descent direction at a map, row by row; images are padded as in `kernels.group`.
 
 The direction is −gradient / (curvature of the data + diagonal of the majorant's operator), elementwise.
 """
@@ -6,7 +6,7 @@ The direction is −gradient / (curvature of the data + diagonal of the majorant
 import numpy as np
 from numba import njit
 
-from solver.kernels.prior import add_squares, inside, stiffen, weights_at
+from solver.kernels.group import add_squares, inside, stiffen, weights_at
 from solver.kernels.view import view
 
 _IN_ORDER = {"contract", "nnan", "ninf", "nsz"}

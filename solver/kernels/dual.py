@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from solver.kernels.prior import COLUMNS, ROWS
+from solver.kernels.group import COLUMNS, ROWS
 from solver.kernels.view import view
 
 
@@ -27,7 +27,18 @@ def _scale(a, b, out):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
 def duals(rank, size, x, slope, norms, radius, epsilon, up, out):  # type: ignore[no-untyped-def]
-    """out (C, 6, rows + 4, columns + 4) ← radius · (∇x − slope) / max(norms, ε), every group in its ball."""
+    """out (C, 6, rows + 4, columns + 4) ← radius · (∇x − slope) / max(norms, ε), every group in its ball.
+
+    Args:
+        x: (C, rows + 4, columns + 4), a map padded by 2, in units of λ.
+        slope: (C, 2, rows + 4, columns + 4), the gradient that is foretold, by row and column, or (C, 2, 0,
+            0) = level.
+        norms: (rows + 4, columns + 4), padded by 2, ‖∇x − slope‖.
+        radius: (rows + 4, columns + 4), padded by 2, of the balls, in units of λ.
+        epsilon: ε, in units of λ.
+        up: (3, 6, columns), of `kernels.group.tables`.
+        out: (C, 6, rows + 4, columns + 4), in units of λ.
+    """
     channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
     x_type, slack, roots = x.dtype.type, np.empty(n, x.dtype), np.sqrt(up)
     for row in range(rank * rows // size, (rank + 1) * rows // size):
@@ -48,7 +59,13 @@ def duals(rank, size, x, slope, norms, radius, epsilon, up, out):  # type: ignor
 
 @njit(nogil=True, fastmath=True, cache=True)
 def transpose(rank, size, dual, weights, out):  # type: ignore[no-untyped-def]
-    """out (rows, columns) ← ∇ᵀ dual, one channel (6, rows + 4, columns + 4), in out's precision."""
+    """out (rows, columns) ← ∇ᵀ dual, one channel (6, rows + 4, columns + 4), in out's precision.
+
+    Args:
+        dual: (6, rows + 4, columns + 4), in units of λ.
+        weights: (6,), of the differences, 1 / pixel.
+        out: (rows, columns).
+    """
     rows, n = out.shape
     w0, w1, w2, w3, w4, w5 = weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
     for row in range(rank * rows // size, (rank + 1) * rows // size):
@@ -61,14 +78,20 @@ def transpose(rank, size, dual, weights, out):  # type: ignore[no-untyped-def]
         a5, b5 = view(dual, (5, i), 2, n), view(dual, (5, i - 2), 2, n)
         target = view(out, (row,), 0, n)
         for j in range(n):
-            slope = w0 * (float(a0[j]) - b0[j]) + w1 * (float(a1[j]) - b1[j])
-            slope += w2 * (float(a2[j]) - b2[j]) + w3 * (float(a3[j]) - b3[j])
-            target[j] = slope + w4 * (float(a4[j]) - b4[j]) + w5 * (float(a5[j]) - b5[j])
+            value = w0 * (float(a0[j]) - b0[j]) + w1 * (float(a1[j]) - b1[j])
+            value += w2 * (float(a2[j]) - b2[j]) + w3 * (float(a3[j]) - b3[j])
+            target[j] = value + w4 * (float(a4[j]) - b4[j]) + w5 * (float(a5[j]) - b5[j])
 
 
 @njit(fastmath=True, cache=True)
 def divide(spectrum, row, column):  # type: ignore[no-untyped-def]
-    """spectrum (rows, columns) ← spectrum / (row + column), 0 at (0, 0)."""
+    """spectrum (rows, columns) ← spectrum / (row + column), 0 at (0, 0).
+
+    Args:
+        spectrum: (rows, columns), in place.
+        row: (rows,).
+        column: (columns,).
+    """
     for i in range(row.size):
         for j in range(column.size):
             spectrum[i, j] /= row[i] + column[j] if i + j > 0 else spectrum.dtype.type(np.inf)
@@ -76,7 +99,13 @@ def divide(spectrum, row, column):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, fastmath=True, cache=True)
 def carry(rank, size, dual, potential, weights):  # type: ignore[no-untyped-def]
-    """Take the weighted differences of a potential (rows, columns) off one channel's unit differences."""
+    """Take the weighted differences of a potential (rows, columns) off one channel's unit differences.
+
+    Args:
+        dual: (6, rows + 4, columns + 4), in place.
+        potential: (rows, columns).
+        weights: (6,), of the differences, 1 / pixel.
+    """
     rows, n = potential.shape
     for row in range(rank * rows // size, (rank + 1) * rows // size):
         here, across, along = potential[row], dual[0, row + 2, 2 : 2 + n], dual[1, row + 2, 2 : 2 + n]
@@ -104,7 +133,16 @@ def _fall(values, down, fall, right, run):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
 def extent(rank, size, dual, radius, weights, tilt, sums):  # type: ignore[no-untyped-def]
-    """sums (2, rows) ← by row the largest (‖group‖ / radius)² of all channels' duals, and −⟨duals, slope⟩."""
+    """sums (2, rows) ← by row the largest (‖group‖ / radius)² of all channels' duals, and −⟨duals, slope⟩.
+
+    Args:
+        dual: (C, 6, rows + 4, columns + 4), in units of λ.
+        radius: (rows + 4, columns + 4), padded by 2, of the balls, in units of λ.
+        weights: (6,), of the differences, 1 / pixel.
+        tilt: (C, 2, rows + 4, columns + 4), the gradient that is foretold, by row and column, or (C, 2, 0,
+            0) = level.
+        sums: (2, rows), in float64.
+    """
     channels, rows, n = dual.shape[0], dual.shape[2] - 4, dual.shape[3] - 4
     x_type, square = dual.dtype.type, np.empty(n, dual.dtype)
     for row in range(rank * rows // size, (rank + 1) * rows // size):
@@ -127,7 +165,15 @@ def extent(rank, size, dual, radius, weights, tilt, sums):  # type: ignore[no-un
 
 @njit(nogil=True, fastmath=True, cache=True)
 def add_scaled(rank, size, out, pull, curvature, factor, sums):  # type: ignore[no-untyped-def]
-    """out (rows, columns) += pull + factor · curvature, both padded by 2; sums (rows,) ← its sum by row."""
+    """out (rows, columns) += pull + factor · curvature, both padded by 2; sums (rows,) ← its sum by row.
+
+    Args:
+        out: (rows, columns).
+        pull: (rows + 4, columns + 4), padded by 2.
+        curvature: (rows + 4, columns + 4), padded by 2.
+        factor: a number.
+        sums: (rows,), in float64.
+    """
     rows, n = out.shape
     for row in range(rank * rows // size, (rank + 1) * rows // size):
         target, a, b = out[row], pull[row + 2, 2 : 2 + n], curvature[row + 2, 2 : 2 + n]

@@ -1,6 +1,6 @@
 """Elementary functions of float32 that loops can vectorise, and half as long numbers to keep strengths in.
 
-The library's own are called one by one, which takes ten times as long. Polynomials after Cephes (Moshier,
+The library's own are called one by one, which takes far longer. Polynomials after Cephes (Moshier,
 "Methods and Programs for Mathematical Functions", 1989): to 2 units in the last place.
 """
 
@@ -8,10 +8,15 @@ from typing import Any
 
 import numpy as np
 from numba import njit, types
+from numba.core import config
 from numba.extending import intrinsic
 
 
 def _cast(kind: Any) -> Any:
+    """The bits of a number taken for one of another kind, as long."""
+    if config.DISABLE_JIT:  # type: ignore[attr-defined]
+        return lambda value: value.view(np.dtype(str(kind)))
+
     def cast(_, value):  # type: ignore[no-untyped-def]
         def generate(context, builder, _, arguments):  # type: ignore[no-untyped-def]
             return builder.bitcast(arguments[0], context.get_value_type(kind))

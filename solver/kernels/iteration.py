@@ -7,9 +7,9 @@ same decisions, and results are the same bits for any number of threads.
 import numpy as np
 from numba import njit
 
-from solver.kernels.prior import inside
+from solver.kernels.barrier import meet
+from solver.kernels.group import inside
 from solver.kernels.walk import REACH, bends, move, on_the_way, part, reach_of, refresh, walk
-from solver.runtime.team import meet
 
 EPSILON, FIT, DONE, SETTLED, BENT = range(5)
 """Places in the numbers that the loop takes and leaves."""
@@ -44,13 +44,44 @@ def error(history, count, least):  # type: ignore[no-untyped-def]
     later e: if falls go on with the ratio e / d, what is left is e² / (d − e). Three times the estimate, and
     at least the last fall, is for falls that slow down.
     """
-    span = max(least, count // 3)
-    if count <= 2 * span:
+    window = max(least, count // 3)
+    if count <= 2 * window:
         return np.inf
-    last, before, first = history[count - 1], history[count - 1 - span], history[count - 1 - 2 * span]
+    last, before, first = history[count - 1], history[count - 1 - window], history[count - 1 - 2 * window]
     older, later = max(first - before, 0.0), max(before - last, 0.0)
     ratio = min(later / older, 0.95) if older > 0 else 0.0
     return later * max(1.0, 3 * ratio / (1 - ratio))
+
+
+@njit(cache=True)
+def decide(own, count, sums, fit, dd, epsilon, rule):  # type: ignore[no-untyped-def]
+    """The end of an iteration: the step in the plane of the two directions, ε, and whether to stop.
+
+    Args:
+        own: (iterations,), objectives; the one of this is put in its place, count.
+        count: iterations before this one.
+        sums: (rows, 11), of `kernels.walk`.
+        fit: value of the data term.
+        dd: the last step's ⟨d, Hd⟩.
+        epsilon: ε.
+        rule: six numbers, as for `iterate`.
+
+    Returns:
+        the factors of direction and last step, and what becomes of fit, dd and epsilon; 1 = settled.
+    """
+    tolerance, hide, fall_of_epsilon, patience, _, window = rule
+    roughness, hidden, along, across, data_along, data_across, lzz, lzd, ldd, zz, zd = _total(sums)
+    a, b = least(along, across, lzz + zz, lzd + zd, ldd + dd)
+    value = fit + roughness
+    own[count] = value
+    # The new step's product with the data's operator follows from those of the two it is made of.
+    dd = a * a * zz + 2 * a * b * zd + b * b * dd
+    fit += a * data_along + b * data_across + 0.5 * dd
+    left = error(own, count + 1, window)
+    settled = hidden <= hide * value and left <= tolerance * value
+    if hidden > max(0.5 * hide * value, patience * left if left < np.inf else 0.0):
+        epsilon *= fall_of_epsilon
+    return a, b, fit, dd, epsilon, settled
 
 
 @njit(nogil=True, cache=True)
@@ -62,7 +93,7 @@ def iterate(rank, size, barrier, map, operators, work, sums, rule, numbers, hist
             place; slope and radius see `direction.descend`.
         operators: (weights, curvature, footprint, ties): the first two see there; footprint is
             (stencil, side, taps, size) of `blur.apply`, no stencil = a diagonal operator, whose diagonal
-            is the curvature; ties are (levels, unit, lift) of `kernels.ties`, no levels = none.
+            is the curvature; ties are (levels, unit, lift) of `kernels.tying`, no levels = none.
         work: (data, step, direction, curved, curved_step, stiffness): the data term's gradient (C, …),
             kept up to date, or the map that a diagonal operator draws to; the last step and the last
             direction (C, …); the operator's products with direction and step, unless it is diagonal; and
@@ -71,9 +102,9 @@ def iterate(rank, size, barrier, map, operators, work, sums, rule, numbers, hist
         rule: (tolerance, part that the rounding may hide, fall of ε, patience, iterations to a refresh,
             least iterations of a fall).
         numbers: (5,) in and out: ε, value of the data term, iterations, 1 = settled, the step's ⟨d, Hd⟩.
-        history: objectives by iteration, out.
+        history: (iterations,), objectives, out.
     """
-    tolerance, hide, fall_of_epsilon, patience, again, span = rule
+    again = rule[4]
     kind, rows = map[0].dtype.type, map[0].shape[1] - 4
     kept, dense = on_the_way(map, operators), operators[2][0].shape[1] > 0
     own, settled, moving, by = history.copy(), False, False, (kind(0), kind(0))
@@ -97,19 +128,9 @@ def iterate(rank, size, barrier, map, operators, work, sums, rule, numbers, hist
         bends(top, walked[1], False, operators, work, work[5], within, kept, sums)
         bends(walked[2], end, False, operators, work, work[5], within, kept, sums)
         meet(barrier, size)
-        roughness, hidden, along, across, data_along, data_across, lzz, lzd, ldd, zz, zd = _total(sums)
-        a, b = least(along, across, lzz + zz, lzd + zd, ldd + dd)
-        by, moving = (kind(a), kind(b)), True
-        value = fit + roughness
-        own[count] = value
+        by_a, by_b, fit, dd, epsilon, settled = decide(own, count, sums, fit, dd, epsilon, rule)
+        by, moving = (kind(by_a), kind(by_b)), True
         count += 1
-        # The new step's product with the data's operator follows from those of the two it is made of.
-        dd = a * a * zz + 2 * a * b * zd + b * b * dd
-        fit += a * data_along + b * data_across + 0.5 * dd
-        left = error(own, count, span)
-        settled = hidden <= hide * value and left <= tolerance * value
-        if hidden > max(0.5 * hide * value, patience * left if left < np.inf else 0.0):
-            epsilon *= fall_of_epsilon
     if moving:
         move(top, end, by, map, operators, work)
     if rank == 0:

@@ -7,7 +7,7 @@ as long as they are needed: images that are only averaged are never stored.
 import numpy as np
 from numba import njit
 
-from solver.kernels.prior import COLUMNS, ROWS
+from solver.kernels.group import COLUMNS, ROWS
 from solver.kernels.smoothing import across, along, mirrored
 
 _RING = 16
@@ -28,7 +28,13 @@ def _keep(rough, scale, gain, radius, freed):  # type: ignore[no-untyped-def]
 def keep(rank, size, norms, taps, scale, gain, radius, freed):  # type: ignore[no-untyped-def]
     """radius ← gain · ρ, freed ← 1 − ρ with ρ = 1 / (1 + (scale · mean norm)²); by a team.
 
-    Args: norms, radius, freed (rows + 4, columns + 4), padded; paddings of the last two are left alone.
+    Args:
+        norms: (rows + 4, columns + 4), padded by 2, in units of λ.
+        taps: (taps,), of the mean, symmetric.
+        scale: a number.
+        gain: a number.
+        radius: (rows + 4, columns + 4), padded by 2, whose padding is left alone ←.
+        freed: (rows + 4, columns + 4), padded by 2, whose padding is left alone ←.
     """
     rows, n, reach = norms.shape[0] - 4, norms.shape[1] - 4, taps.size - 1
     ring, line, rough = (
@@ -80,9 +86,14 @@ def tie(rank, size, x, slope, up, taps, freed, inverse, levels):  # type: ignore
     """levels ← 255 · freed / (1 + (inverse · mean |G x − s|)²)²; by a team.
 
     Args:
-        x (C, rows + 4, …); slope (C, 2, …); up, the squared weights, as in `kernels.prior`.
-        freed: (rows + 4, columns + 4), 1 − ρ.
-        levels: (6, rows + 4, columns + 4), 0 where the difference leaves the image.
+        x: (C, rows + 4, columns + 4), a map padded by 2, in units of λ.
+        slope: (C, 2, rows + 4, columns + 4), the gradient that is foretold, by row and column, or (C, 2, 0,
+            0) = level.
+        up: (3, 6, columns), of `kernels.group.tables`.
+        taps: (taps,), of the mean, symmetric.
+        freed: (rows + 4, columns + 4), padded by 2, 1 − ρ.
+        inverse: 1 / δ.
+        levels: (6, rows + 4, columns + 4), bytes, 0 where the difference leaves the image ←.
     """
     rows, n, reach = x.shape[1] - 4, x.shape[2] - 4, taps.size - 1
     rings, line, mean = (

@@ -4,8 +4,8 @@ The unknown x = l + iφ (channels: log-amplitude, phase) changes Z to Z exp x. I
 
     H x = conj(Z) · s Bᵀ M B (Z x) + (Gᵀ V G l, Gᵀ W G φ)
 
-with the footprint's stencil M (see `kernels.footprint`), s a factor, and differences G weighed pair by pair
-(see `kernels.pairs`). Images are (2, rows + 4, columns + 4), padded by 2.
+with the footprint's stencil M (see `kernels.interpolation`), s a factor, and differences G weighed pair by
+pair (see `kernels.pairs`). Images are (2, rows + 4, columns + 4), padded by 2.
 
 One walk over the rows does a round: what the last one has found moves a row of x, residual and direction, and
 a footprint behind that H is applied. So each image is fetched once. With D the inverse diagonal, h = H p and
@@ -19,10 +19,10 @@ one if that is what the last step of Gauss–Newton has moved Z by: a good guess
 import numpy as np
 from numba import njit
 
+from solver.kernels.barrier import meet
 from solver.kernels.blur import apply, rings
 from solver.kernels.pairs import pull
 from solver.kernels.view import view
-from solver.runtime.team import meet
 
 STRIP = 8
 """Rows done at a time, few enough to stay in cache."""
@@ -134,10 +134,19 @@ def descend(  # type: ignore[no-untyped-def]
     """`rounds` iterations on H x = residual from x = 0; both are changed.
 
     Args:
+        barrier: (places,), see `kernels.barrier`.
+        rounds: a number.
         resumed: whether p holds the first direction; else it holds anything finite.
-        z: the phasors; footprint: (stencil, taps, size of them); factor: s.
-        v, w: strengths of the pairs, V and W, see `kernels.pairs`; inverse: of the diagonal of H.
-        work: two images, p and H p, finite; sums: (rows, 4).
+        z: (2, rows + 4, columns + 4), the phasors.
+        footprint: ((5, nodes + 2, nodes + 2), (taps,), size), M, taps and how many of them count.
+        factor: s.
+        v: (pairs, rows + 4, columns + 4), strengths V, see `kernels.pairs`.
+        w: (pairs, rows + 4, columns + 4), strengths W.
+        inverse: (2, rows + 4, columns + 4), of the diagonal of H.
+        residual: (2, rows + 4, columns + 4), changed.
+        x: (2, rows + 4, columns + 4), log-amplitude and radians ←.
+        work: two of (2, rows + 4, columns + 4), p and H p, finite.
+        sums: (rows, 4), room.
     """
     p, h = work
     _, taps, reach = footprint

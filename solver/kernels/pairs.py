@@ -22,18 +22,18 @@ PAIRS = 4
 ROWS, COLUMNS = (0, 1, 1, 1), (1, 0, 1, -1)
 """The pairs' offsets."""
 
-_TURN = 2 * np.pi
+_CIRCLE = 2 * np.pi
 
 
 @njit(fastmath=True, error_model="numpy")
 def _differ(here, there, run, tilts, out):  # type: ignore[no-untyped-def]
     """out ← there − here − the slope's part, modulo 2π; `tilts` are (fall here, fall there, run …)."""
     n, kind = out.size, out.dtype.type
-    turn, part, down, right = kind(_TURN), kind(1 / _TURN), kind(0.5 * run[0]), kind(0.5 * run[1])
+    circle, part, down, right = kind(_CIRCLE), kind(1 / _CIRCLE), kind(0.5 * run[0]), kind(0.5 * run[1])
     fall0, fall1, run0, run1 = tilts
     for j in range(n):
         d = there[j] - here[j] - down * (fall0[j] + fall1[j]) - right * (run0[j] + run1[j])
-        out[j] = d - turn * np.rint(d * part)
+        out[j] = d - circle * np.rint(d * part)
 
 
 @njit(fastmath=True)
@@ -99,13 +99,13 @@ def _shorten(source, out):  # type: ignore[no-untyped-def]
 def _weigh(i, rows, state, z, slope, factors, logs, phases, lines, out):  # type: ignore[no-untyped-def]
     """out (2, 2, 4, n + 4) ← strengths and fluxes W d of l and φ, row i's pairs; 0 beyond the image."""
     n = out.shape[3] - 4
-    change, turn, eased, ones = lines
+    change, rise, eased, ones = lines
     kind, log_square, square = state.dtype.type, logs[1] * logs[1], phases[1] * phases[1]
     for k in range(PAIRS):
         if i < 0 or i + ROWS[k] >= rows or factors[k] == 0:
             out[:, :, k] = 0
             continue
-        _differences(i, k, state, slope, change, turn)
+        _differences(i, k, state, slope, change, rise)
         double = 2 * factors[k]
         _ease(i, k, z, change, kind(phases[2]), kind(phases[3]), eased)
         for c in range(2):
@@ -115,9 +115,9 @@ def _weigh(i, rows, state, z, slope, factors, logs, phases, lines, out):  # type
                 _end(COLUMNS[k], strength)
                 _multiply(strength, change, flux)
             else:
-                _strengthen(turn, kind(double * phases[0]), kind(square), eased, strength)
+                _strengthen(rise, kind(double * phases[0]), kind(square), eased, strength)
                 _end(COLUMNS[k], strength)
-                _multiply(strength, turn, flux)
+                _multiply(strength, rise, flux)
 
 
 @njit(fastmath=True)
@@ -215,17 +215,27 @@ def _costs(d, square, out):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def cost(rank, size, state, z, slope, factors, logs, phases, sums):  # type: ignore[no-untyped-def]
-    """sums (rows,) ← the penalties of each row's pairs; arguments as in `assemble`; by a team."""
+    """sums ← the penalties of each row's pairs; by a team.
+
+    Args:
+        state: (2, rows + 4, columns + 4), as in `assemble`.
+        z: (2, rows + 4, columns + 4), the phasors.
+        slope: (2, rows + 4, columns + 4), radians per pixel.
+        factors: (4,), of the pairs.
+        logs: (κ, δ) of l.
+        phases: (κ, δ, 1 / e², faint) of φ, as in `assemble`.
+        sums: (rows,), in float64.
+    """
     rows, n, kind = state.shape[1] - 4, state.shape[2] - 4, state.dtype.type
-    change, turn, out = np.empty(n, state.dtype), np.empty(n, state.dtype), np.empty(n, state.dtype)
+    change, rise, out = np.empty(n, state.dtype), np.empty(n, state.dtype), np.empty(n, state.dtype)
     for i in range(rank * rows // size, (rank + 1) * rows // size):
         sums[i] = 0.0
         for k in range(PAIRS):
             if i + ROWS[k] < rows:
-                _differences(i, k, state, slope, change, turn)
-                _costs(turn, kind(phases[1] * phases[1]), out)
-                _ease(i, k, z, change, kind(phases[2]), kind(phases[3]), turn)
-                out /= turn
+                _differences(i, k, state, slope, change, rise)
+                _costs(rise, kind(phases[1] * phases[1]), out)
+                _ease(i, k, z, change, kind(phases[2]), kind(phases[3]), rise)
+                out /= rise
                 _end(COLUMNS[k], out)
                 sums[i] += factors[k] * phases[0] * float(out.sum())
                 _costs(change, kind(logs[1] * logs[1]), out)

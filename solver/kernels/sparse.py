@@ -17,6 +17,15 @@ def scatter(rank, size, values, weights, positions, scale, weight, total, square
 
     Samples of weight 0 are not used. Adds Σ w to weight and Σ w d to total, and Σ w d² by row of theirs to
     squares, in float64. Each thread of a team walks all samples and takes those that fall on its own rows.
+
+    Args:
+        values: (N, H, W), any unit.
+        weights: (N, H, W), 0 = not used.
+        positions: (N, H, W, 2), pixels of frame 0.
+        scale: β.
+        weight: (rows, columns), in place.
+        total: (rows, columns), in place.
+        squares: (rows,), in float64, in place.
     """
     frames, rows, columns = values.shape
     top, end = rank * weight.shape[0] // size, (rank + 1) * weight.shape[0] // size
@@ -43,7 +52,14 @@ def scatter_precision(  # type: ignore[no-untyped-def]
     It is rounded to a whole number of 1/1024, from 1 of them to 512, so that sums are exact: what is taken
     away again leaves nothing.
 
-    Args: distance, sigma (N, H, W); the others as in `scatter`.
+    Args:
+        distance: (N, H, W), any unit, NaN = none.
+        sigma: (N, H, W), deviations in distance's unit.
+        positions: (N, H, W, 2), pixels of frame 0.
+        scale: β.
+        usual: the usual deviation.
+        sign: 1 or −1.
+        precision: (rows, columns), in 1 / usual², in place.
     """
     step, most = np.float32(1024), np.float32(512)
     frames, rows, columns = distance.shape
@@ -63,7 +79,12 @@ def scatter_precision(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", fastmath=True)
 def average(weight, total):  # type: ignore[no-untyped-def]
-    """total ← total / weight = m, 0 where w = 0; returns Σ w m² in float64, the least and the largest m."""
+    """total ← total / weight = m, 0 where w = 0; returns Σ w m² in float64, the least and the largest m.
+
+    Args:
+        weight: (rows, columns), w.
+        total: (rows, columns), any unit, in place.
+    """
     rows, columns = weight.shape
     square, low, high = 0.0, np.float32(np.finfo(np.float32).max), np.float32(np.finfo(np.float32).min)
     for i in range(rows):
@@ -80,7 +101,14 @@ def average(weight, total):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, fastmath=True, cache=True)
 def misfit(rank, size, x, weight, mean, sums):  # type: ignore[no-untyped-def]
-    """sums (rows,) ← Σ w (x − m)² by row in float64; arrays (rows, columns) padded by 2."""
+    """sums ← Σ w (x − m)² by row.
+
+    Args:
+        x: (rows + 4, columns + 4), padded by 2, in units of λ.
+        weight: (rows + 4, columns + 4), padded by 2, w in 1 / λ².
+        mean: (rows + 4, columns + 4), padded by 2, m in units of λ.
+        sums: (rows,), in float64.
+    """
     rows, n = x.shape[0] - 4, x.shape[1] - 4
     for row in range(rank * rows // size, (rank + 1) * rows // size):
         a, w, m = x[row + 2, 2 : 2 + n], weight[row + 2, 2 : 2 + n], mean[row + 2, 2 : 2 + n]

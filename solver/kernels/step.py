@@ -1,11 +1,11 @@
 """The step in the plane of two directions: how the objective bends along them, and the move itself.
 
-Images are padded as in `kernels.prior`; `stiffness`, `inside` and weights are that module's.
+Images are padded as in `kernels.group`; `stiffness`, `inside` and weights are that module's.
 """
 
 from numba import njit
 
-from solver.kernels.prior import weights_at
+from solver.kernels.group import weights_at
 from solver.kernels.view import view
 
 

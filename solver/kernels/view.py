@@ -8,7 +8,7 @@ that makes it.
 from typing import Any
 
 from numba import types
-from numba.core import cgutils
+from numba.core import cgutils, config
 from numba.extending import intrinsic
 
 
@@ -39,4 +39,12 @@ def _view(_, image, row, first, n):  # type: ignore[no-untyped-def]  # noqa: ARG
     return kind(image, row, types.intp, types.intp), generate
 
 
-view: Any = intrinsic(_view)
+def _plain(image, row, first, n):  # type: ignore[no-untyped-def]
+    """The same where nothing is compiled."""
+    start = first
+    for index, stride in zip(row, image.strides, strict=False):
+        start += index * stride // image.itemsize
+    return image.reshape(-1)[start : start + n]
+
+
+view: Any = _plain if config.DISABLE_JIT else intrinsic(_view)  # type: ignore[attr-defined]

@@ -14,15 +14,14 @@ from numba import njit
 from solver.kernels.blur import apply, rings
 from solver.kernels.direction import descend, scratch
 from solver.kernels.step import add_move, bend
-from solver.kernels.ties import pull
+from solver.kernels.tying import pull
 from solver.kernels.view import view
 
 REACH = 2
 """Rows that the prior reaches."""
 
 STRIP = 8
-"""Rows done at a time: few enough to stay in cache, as a call passes all those arrays. Measured: with half as
-many an iteration takes an eighth longer for a small image, and as long for a large one."""
+"""Rows done at a time: few enough to stay in cache, many enough that a call's many arguments do not count."""
 
 DESCENT, BENDS = 6, 5
 """Sums by row of `descend`, and after them of `bend`."""

@@ -23,53 +23,44 @@ from solver.result import Progress
 
 _NOISE, _CLEAN = 15.0, 0.0006
 """λ = σ √(σ / (15 · relief)), and at least 0.0006 of the scene's range for noise-free frames. The power
-3/2 is measured; it lies between the σ of a discrepancy rule and the σ² of a Laplacian prior. So is the
-relief (see `solver.preparation.noise`): the scene's range in its place costs a detailed object an eighth of
-its squared error, or the recorded scenes 6 % of their mean absolute error."""
+3/2 is set by trial; it lies between the σ of a discrepancy rule and the σ² of a Laplacian prior. So is the
+relief (see `solver.preparation.noise`), in place of which the scene's range is worse for detailed objects."""
 
 _MIXING = 0.005
 """Of the scene's range, where an ambiguity range says that samples average phasors: what the average of
 distances errs by. It counts as noise that no number of frames lowers: √N times as much of each sample.
-Without it a quarter of the noise raises thin things' error by 13 %, and without √N four times the frames that
-of a dark floor by 5 %."""
+Without it less noise makes thin things worse, and without √N more frames a dark floor."""
 
 _SMOOTH = 0.01
 """Of the scene's range, the least relief: a scene without edges is not smoothed without bounds."""
 
 _PASSES, _GAIN, _EPSILON, _EDGE = 2, 2.5, 0.12, 0.025
-"""Reweighting; ε and edge in units of the scene's range. Measured over five bursts each of two depth maps and
-two recordings: one weighted pass has a tenth more squared error at moderate noise and 5 % more mean absolute
-error on the recordings, a third one gains and loses 2 %."""
+"""Reweighting; ε and edge in units of the scene's range. One weighted pass is worse, a third no better."""
 
 _TIE, _ACROSS = 0.1, 0.055
-"""Ties: the ‖∇X − s‖ at which the prior is as stiff, and δ, in units of the scene's range. Without ties the
-squared error is 1.6 to 2.3 times as large. Twice as stiff costs a tenth of it, half as stiff 1 to 9 %."""
+"""Ties: the ‖∇X − s‖ at which the prior is as stiff, and δ, in units of the scene's range. Both
+are set by trial."""
 
 _DOUBT, _ERRING = 5.0, 0.025
 """Deviations, and part of the scene's range, that a sample may differ from the first map. Clean bursts of two
-depth maps and two recordings have hardly a sample beyond; four to eight deviations give the same errors to
-1 %."""
+depth maps and two recordings have hardly a sample beyond; the optimum is flat."""
 
 _SETTLED = 0.02
-"""Tolerance of the passes before the last: 0.05 and 0.01 give the same errors to 2 %, in up to a tenth fewer
-and a fifth more iterations."""
+"""Tolerance of the passes before the last, which need no more than to find the edges."""
 
 _SMOOTHER = 10.0
-"""Factor on λ where the first map swings: 2.5 and 30 take up to five and two times the iterations there."""
+"""Factor on λ where the first map swings: far less or more takes longer there."""
 
 _OUTVOTED = 0.08
-"""Of the map: with more swings, and of two frames, what the map leaves over tells wrong samples by chance;
-weights by chance took 1,100 iterations instead of 120 to 450. A mirrored frame among ten makes 0.04 of
-swings, and without distrust up to twice the error."""
+"""Of the map: with more swings, and of two frames, what the map leaves over tells wrong samples by chance.
+A mirrored frame among ten makes half as many, and is to be distrusted."""
 
 _MOST = 4.0
 """Weight of the brightest samples: mixing at edges, not noise, is what still brighter ones are wrong by."""
 
 _LOST = 12.0
 """Samples with a deviation over a twelfth of the ambiguity range are left out: noise wraps their phase, and
-what wraps errs by whole ranges. On the recording with a dark print, at four times its noise, the squared
-error falls by a third (5 % where both are iterated to the end: their weak pull also ends the iteration too
-early), in four times the iterations; at its own noise nothing changes."""
+what wraps errs by whole ranges."""
 
 
 def solve(problem: Problem, *, initial: Solution | None = None, progress: Progress | None = None) -> Solution:

@@ -18,7 +18,7 @@ from solver.result import Progress
 
 _NOISE, _MIXING = 1.2, 0.01
 """λ in units of one sample's deviation, and in units of the scene's range: noise-free samples still disagree,
-by what their footprints mix at edges. Measured to be flat optima: half or double costs a few per cent."""
+by what their footprints mix at edges. Both optima are flat."""
 
 
 def solve(problem: Problem, *, initial: Solution | None = None, progress: Progress | None = None) -> Solution:

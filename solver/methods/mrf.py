@@ -27,7 +27,7 @@ Image = NDArray[np.float32]
 EDGE = 0.02  # of the guide's range: a step at which a link has exp(−½) of its weight; c = 1 / (2 · EDGE²)
 GUIDED, PLAIN = (4.0, 1000.0), (0.02, 60.0)
 """λ of `auto` = a + b · (σ / the scene's range)²: links that stop at edges may be stiff, others would blur
-them. The square is a Gaussian prior's, the constants are measured; half or double costs a few per cent."""
+them. The square is a Gaussian prior's, the constants are set by trial; the optimum is flat."""
 
 LEAST_LINK = 1e-3  # of the weight of a full one, so that no pixel hangs in the air
 
@@ -49,12 +49,12 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     right = samples.weight * np.where(seen, samples.mean - middle, 0).astype(np.float32)
     limit = problem.options.max_iterations
     image, steps = conjugate_gradients(
-        stencil, right[None], first[None], steps=limit, tolerance=problem.options.tolerance / 100
+        stencil, right, first, steps=limit, tolerance=problem.options.tolerance / 100
     )
-    value = _objective(image[0], samples, right, stencil, middle)
+    value = _objective(image, samples, right, stencil, middle)
     if progress is not None:
         progress(steps, value, None)
-    return Solution(image[0] + middle, amplitude, strength, steps, value, None, steps < limit)
+    return Solution(image + middle, amplitude, strength, steps, value, None, steps < limit)
 
 
 def _automatic(problem: Problem, guided: bool) -> float:
@@ -89,13 +89,13 @@ def _normalised(image: Image) -> Image:
     if not finite.any():
         return np.zeros_like(image)
     low, high = np.percentile(image[finite], (1, 99))
-    span = float(high - low)
+    extent = float(high - low)
     flat = np.where(finite, image, low)
-    return np.asarray((flat - low) / span if span > 0 else np.zeros_like(image), np.float32)
+    return np.asarray((flat - low) / extent if extent > 0 else np.zeros_like(image), np.float32)
 
 
 def _stencil(weight: Image, guide: Image | None, strength: float) -> Image:
-    stencil = np.zeros((5, *weight.shape), np.float32)
+    stencil = np.zeros((3, *weight.shape), np.float32)
     across, down = _links(guide, weight.shape, 1), _links(guide, weight.shape, 0)
     across, down = across * np.float32(strength), down * np.float32(strength)
     stencil[0] = weight

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import FusionInputError
-from solver.kernels import phasor as phasors
+from solver.kernels import resolution as phasors
 from solver.optimisation.factored import MODEL, SCHEDULE, Factored, Step
 from solver.optimisation.footprint import AreaTerm
 from solver.optimisation.padding import cropped

@@ -21,7 +21,7 @@ _SMALL = 100_000
 """Pixels up to which one thread transforms faster than two."""
 
 
-def slope(dual: NDArray[np.floating], weights: NDArray[np.floating]) -> NDArray[np.floating]:
+def divergence(dual: NDArray[np.floating], weights: NDArray[np.floating]) -> NDArray[np.floating]:
     """∇ᵀ dual without padding, (C, rows, columns), for dual (C, 6, rows + 4, columns + 4)."""
     out = np.empty((len(dual), dual.shape[2] - 4, dual.shape[3] - 4), dual.dtype)
     for channel, variables in enumerate(dual):

@@ -22,9 +22,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.kernels import factored as kernels
+from solver.kernels import factors as kernels
 from solver.kernels import newton, pairs
-from solver.kernels.prior import PAD
+from solver.kernels.group import PAD
 from solver.optimisation.footprint import AreaTerm
 from solver.optimisation.padding import padded
 from solver.optimisation.slope import slope

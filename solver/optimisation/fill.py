@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.kernels import fill as kernels
+from solver.kernels import filling as kernels
 
 _SWEEPS, _OVER = 60, 1.85
 """Enough for gaps of 40 pixels, twice the default reach of filling at ×4, to about a per cent."""
@@ -23,9 +23,9 @@ def smoothed(values: NDArray[np.float32], weight: NDArray[np.float32], factor: i
         factor: β; the mean is Gaussian, of deviation 0.4 low-resolution pixels, which bridges the gaps
             between the samples of a burst.
     """
-    spread = 0.4 * factor
+    deviation = 0.4 * factor
     total, share = (
-        np.asarray(cv2.GaussianBlur(image, (0, 0), spread, borderType=cv2.BORDER_CONSTANT), np.float32)
+        np.asarray(cv2.GaussianBlur(image, (0, 0), deviation, borderType=cv2.BORDER_CONSTANT), np.float32)
         for image in (values * weight, weight)
     )
     # The second is for factors so large that a lone sample's weight thins out to less than the first.

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from solver.errors import FusionInputError
 from solver.kernels import blur
 from solver.kernels import dual as duals
-from solver.kernels import footprint as kernels
-from solver.kernels.prior import PAD
-from solver.optimisation.certificate import shrinkage, slope
+from solver.kernels import interpolation as kernels
+from solver.kernels.group import PAD
+from solver.optimisation.certificate import divergence, shrinkage
 from solver.optimisation.fill import ratio
-from solver.optimisation.memory_gradient import Operator, State
 from solver.optimisation.prior import Prior
+from solver.optimisation.term import Operator, State
 from solver.options import Footprint
 from solver.runtime import team
 
@@ -31,22 +31,22 @@ def footprint_taps(footprint: Footprint, factor: int) -> NDArray[np.float64]:
     Bilinear interpolation widens them by the box of a fused pixel, as the average over a fused pixel
     does; so the taps hold the footprint's mass in steps of one fused pixel.
     """
-    half, spread = 0.5 * footprint.side * factor, footprint.blur * factor
-    size = max(1, int(np.ceil(2 * (half + 3 * spread) - 1e-9)))
+    half, deviation = 0.5 * footprint.side * factor, footprint.blur * factor
+    size = max(1, int(np.ceil(2 * (half + 3 * deviation) - 1e-9)))
     edges: NDArray[np.float64] = np.arange(size + 1) - np.float64(size / 2)
-    taps = np.diff(_mass(edges, half, spread))
+    taps = np.diff(_mass(edges, half, deviation))
     return np.asarray(taps / taps.sum())
 
 
-def _mass(edges: NDArray[np.float64], half: float, spread: float) -> NDArray[np.float64]:
+def _mass(edges: NDArray[np.float64], half: float, deviation: float) -> NDArray[np.float64]:
     """Mass below each edge of a box [−half, half] blurred by a Gaussian, up to a constant and a factor."""
-    if spread == 0:
+    if deviation == 0:
         return np.clip(edges, -half, half)
     from scipy.special import ndtr
 
     def integral(t: NDArray[np.float64]) -> NDArray[np.float64]:
-        u = t / spread
-        return np.asarray(spread * (u * ndtr(u) + np.exp(-u * u / 2) / np.sqrt(2 * np.pi)))
+        u = t / deviation
+        return np.asarray(deviation * (u * ndtr(u) + np.exp(-u * u / 2) / np.sqrt(2 * np.pi)))
 
     return integral(edges + half) - integral(edges - half)
 
@@ -90,7 +90,7 @@ class AreaTerm:
         self.curvature: NDArray[np.floating] = self._row_sums()
 
     def _row_sums(self) -> NDArray[np.floating]:
-        """Half of them: a row's sum bounds its curvature; half was measured to need the fewest iterations."""
+        """Half of them: a row's sum bounds its curvature, and half of it needs fewer iterations."""
         inside = np.zeros((1, self.shape[1] + 2 * PAD, self.shape[2] + 2 * PAD), self._side.dtype)
         inside[:, PAD:-PAD, PAD:-PAD] = 1
         sums = np.zeros_like(inside)
@@ -241,7 +241,7 @@ class AreaTerm:
         total, data, fit, square, rest = self._sums(state.x).T
         # Moving the map by a constant makes the residuals' sum 0, as it is at the optimum.
         offset = (data - fit) / total
-        excess = slope(dual, prior.weights)
+        excess = divergence(dual, prior.weights)
         for channel, own, move in zip(excess, pull, offset, strict=True):
             sums, factor = np.zeros(len(channel)), channel.dtype.type(2 * move)
             team.share(duals.add_scaled, channel, own, self.curvature, factor, sums)

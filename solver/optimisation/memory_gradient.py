@@ -1,9 +1,10 @@
 """The iteration: majorise–minimise by memory gradient, its stopping rule and its certificate.
 
 It minimises term(X) + Σ r ‖∇X − s‖₂ (maps are in units of λ; r = 1 and s = 0 but in reweighted passes). At
-each map the prior lies under a quadratic that touches it there (`solver.kernels.prior`); the sum of data term
+each map the prior lies under a quadratic that touches it there (`solver.kernels.group`); the sum of data term
 and quadratic is minimised over the plane of two directions, the preconditioned gradient and the last step.
-The objective never rises, no step length is to be chosen, and there are no dual variables to carry. Source:
+The objective never rises, no step length is to be chosen, and there are no dual variables to carry. Where it
+takes long, every other bout of iterations has a direction from all grids (`optimisation.levels`). Source:
 Chouzenoux, Idier, Moussaoui, "A majorize-minimize strategy for subspace optimization applied to image
 restoration", IEEE Trans. Image Processing 2011 (memory gradient, algorithm 3MG).
 
@@ -13,15 +14,18 @@ tolerance.
 """
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from itertools import cycle
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solver.kernels import iteration as loop
-from solver.kernels.prior import PAD
-from solver.optimisation.padding import padded
-from solver.optimisation.prior import Prior, level
+from solver.kernels import majorant
+from solver.kernels.group import PAD
+from solver.optimisation.levels import Levels
+from solver.optimisation.prior import Prior
+from solver.optimisation.term import State, Term
 from solver.result import Progress
 from solver.runtime import team
 
@@ -29,8 +33,8 @@ Image = NDArray[np.floating]
 
 _EPSILON, _FALL, _PATIENCE = 1.0, 0.8, 0.3
 """The first ε, in units of λ (or the mean ‖∇X − s‖ where that is less), its fall in one iteration, and the
-part of what is still to be gained that the rounding may hide before ε falls on. Measured: a slower or more
-patient fall takes up to twice the iterations, a faster one settles further from the minimum."""
+part of what is still to be gained that the rounding may hide before ε falls on. A slower or more
+patient fall takes more iterations, a faster one settles further from the minimum."""
 
 _LEAST = 0.01
 """The least first ε: a start that is nearly flat says nothing of the gradients to come."""
@@ -41,60 +45,12 @@ _ROUNDING = 0.125
 _BOUT = 10
 """Iterations between two reports of progress; between them nothing is heard, an interrupt neither."""
 
+_CREEPING = 60
+"""Iterations of one kind, after which come as many of the other: those whose direction is made on several
+grids cost more, and few scenes need any; where the rounding is fine, they in turn lag at single pixels."""
+
 _REFRESH = 20
 """Iterations after which the data term's gradient, till then updated, is computed anew against rounding."""
-
-
-@dataclass(slots=True)
-class State:
-    """A map in the middle of an iteration; arrays are padded by two pixels, (C, rows + 4, columns + 4)."""
-
-    x: Image
-    radius: Image
-    """λ by pixel, in units of λ: 1 everywhere unless the prior is weighted."""
-    slope: Image
-    """(C, 2, rows + 4, columns + 4), what `solver.optimisation.slope` foretells, or (C, 2, 0, 0) = level."""
-    epsilon: float = 0.0
-    """Below which the corner of the norm was last rounded, in units of λ; 0 = not begun."""
-    fit: float | None = None
-    """The data term's value at this map, where it is known."""
-
-
-@dataclass(frozen=True, slots=True)
-class Operator:
-    """The second derivative of a data term, as the compiled loop takes it.
-
-    Attributes:
-        footprint: (stencil, side, taps, size) of `kernels.blur.apply`; None = diagonal, the term's curvature.
-        mean: (C, rows + 4, columns + 4), the map that a diagonal operator draws to.
-        ties: (levels, unit, lift) of `kernels.ties`, with a footprint only; the lift, (C, …), is what their
-            slope adds to the gradient.
-    """
-
-    footprint: tuple[Image, Image, Image, int] | None
-    mean: Image | None = None
-    ties: tuple[NDArray[np.uint8], Image, Image] | None = None
-
-
-class Term(Protocol):
-    """A convex quadratic data term, all in units of λ."""
-
-    @property
-    def curvature(self) -> Image:
-        """(rows + 4, columns + 4), positive where data fall: what stands for its operator's diagonal."""
-        ...
-
-    def operator(self) -> Operator:
-        """Its second derivative."""
-        ...
-
-    def value(self, x: Image) -> float:
-        """The term at a padded map."""
-        ...
-
-    def certify(self, state: State, dual: Image, prior: Prior) -> tuple[float, float]:
-        """(its value, a lower bound of the least objective) from feasible duals; good near the optimum."""
-        ...
 
 
 class Memory:
@@ -145,6 +101,61 @@ class Memory:
         )
         self._bent = float(numbers[loop.BENT])
 
+    def iterate_on_levels(
+        self,
+        term: Term,
+        prior: Prior,
+        state: State,
+        numbers: NDArray[np.float64],
+        history: NDArray[np.float64],
+        rule: tuple[float, float, float, float, int, int],
+    ) -> None:
+        """The same, with the direction of `optimisation.levels`."""
+        x, operator = state.x, term.operator()
+        dense = operator.footprint is not None
+        weights, inner = prior.squared(x), np.s_[PAD:-PAD, PAD:-PAD]
+        levels = Levels(term.curvature[inner])
+        stiffness, diagonal = np.zeros(x.shape[1:], x.dtype), np.zeros_like(x[0][inner])
+        gradient = np.zeros((len(x), *diagonal.shape), x.dtype)
+        data = self._gradient if dense else np.zeros_like(x)
+        numbers[loop.BENT] = self._bent
+        epsilon, fit, count, _, bent = numbers
+        settled = False
+        while count < len(history) and not settled:
+            if operator.mean is not None:
+                np.multiply(term.curvature, x - operator.mean, out=data)
+            elif count % _REFRESH == 0:
+                operator.gradient(x, data)
+            own = x.dtype.type(epsilon)
+            team.share(
+                majorant.stiffnesses, x, state.slope, state.radius, own, weights, stiffness, self._sums
+            )
+            given = (x, state.slope, stiffness, weights, prior.tables(x), data, term.curvature)
+            team.share(majorant.gradients, *given, gradient, diagonal)
+            levels.stiffen(stiffness[inner] * x.dtype.type(len(prior.offsets)))
+            for pull, direction in zip(gradient, self._direction, strict=True):
+                np.negative(levels.precondition(pull, diagonal), out=direction[inner])
+            if dense:
+                operator.multiply(self._direction, self._curved)
+            given = (gradient, data, self._direction, self._step, self._curved, term.curvature, stiffness)
+            team.share(majorant.products, *given, weights, self._sums)
+            a, b, fit, bent, epsilon, settled = loop.decide(
+                history, int(count), self._sums, fit, bent, epsilon, rule
+            )
+            _advance(a, b, self._direction, self._step, x)
+            if dense:
+                _advance(a, b, self._curved, self._curved_step, data)
+            count += 1
+        numbers[:] = epsilon, fit, count, settled, bent
+        self._bent = float(bent)
+
+
+def _advance(a: float, b: float, direction: Image, step: Image, to: Image) -> None:
+    """step ← a · direction + b · step, which is added to `to`."""
+    step *= step.dtype.type(b)
+    step += direction.dtype.type(a) * direction
+    to += step
+
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
@@ -158,16 +169,6 @@ class Outcome:
     converged: bool
 
 
-def start(initial: Image) -> State:
-    """A state at the map (C, rows, columns)."""
-    return start_at(padded(initial))
-
-
-def start_at(x: Image) -> State:
-    """A state at the padded map, its prior neither weighted nor tilted."""
-    return State(x, np.ones_like(x[0]), level(x))
-
-
 def minimise(
     term: Term,
     prior: Prior,
@@ -179,7 +180,7 @@ def minimise(
     progress: Progress | None = None,
     certify: bool = True,
     rounding: float | None = None,
-    span: int = 3,
+    window: int = 3,
     memory: Memory | None = None,
 ) -> Outcome:
     """Run until the objective has settled.
@@ -192,8 +193,8 @@ def minimise(
         certify: compute the gap, which is NaN otherwise.
         rounding: the part of the objective that the rounded corner may hide; an eighth of the tolerance
             unless given. Duals settle much sooner at a fixed ε, so for a small gap give more.
-        span: the least number of iterations over which a fall of the objective is measured; a start near the
-            minimum needs no more than one.
+        window: the least number of iterations over which a fall of the objective is measured; a start near
+            the minimum needs no more than one.
         memory: of a run before that ended at this state, on about the same data.
     """
     hide = _ROUNDING * tolerance if rounding is None else rounding
@@ -204,18 +205,23 @@ def minimise(
     epsilon = state.epsilon or _first_epsilon(prior.norms(state.x, state.slope))
     epsilon = epsilon if epsilon > finest else _LEAST
     numbers = np.array([epsilon, fit, 0.0, 0.0, 0.0])
-    history, settled = np.zeros(0), False
-    while len(history) < limit and not settled:
-        history = np.append(history, np.zeros(min(_BOUT, limit - len(history))))
-        memory.iterate(
-            term, prior, state, numbers, history, (tolerance, hide, _FALL, _PATIENCE, _REFRESH, span)
-        )
+    rule = (tolerance, hide, _FALL, _PATIENCE, _REFRESH, window)
+    before, history, settled = 0, np.zeros(0), False
+    kinds = cycle((memory.iterate_on_levels, memory.iterate))
+    iterate = memory.iterate
+    while before + len(history) < limit and not settled:
+        if len(history) >= _CREEPING:
+            # Falls of another direction tell nothing about what this one leaves.
+            before, history, iterate = before + len(history), np.zeros(0), next(kinds)
+            numbers[loop.DONE] = 0
+        history = np.append(history, np.zeros(min(_BOUT, limit - before - len(history))))
+        iterate(term, prior, state, numbers, history, rule)
         count = int(numbers[loop.DONE])
         settled = bool(numbers[loop.SETTLED]) or history[count - 1] <= nothing
         numbers[loop.EPSILON] = max(numbers[loop.EPSILON], finest)
         history = history[:count]
         if progress is not None:
-            progress(count, float(history[-1]) * scale, None)
+            progress(before + count, float(history[-1]) * scale, None)
     state.epsilon, fit = float(numbers[loop.EPSILON]), float(numbers[loop.FIT])
     gap = float("nan")
     if certify:
@@ -225,7 +231,7 @@ def minimise(
     value = fit + prior.value(state.x, state.radius, state.slope)
     if certify:
         gap = max(0.0, value - least) / value if value > 0 else 0.0
-    return Outcome(state, memory, len(history), value, gap, settled or gap <= tolerance)
+    return Outcome(state, memory, before + len(history), value, gap, settled or gap <= tolerance)
 
 
 def _first_epsilon(norms: Image) -> float:

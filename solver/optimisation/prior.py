@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.kernels import dual
-from solver.kernels import prior as kernels
+from solver.kernels import group as kernels
 from solver.options import NEIGHBOURHOOD, Offset
 from solver.runtime import team
 
@@ -71,7 +71,7 @@ class Prior:
         return self.weights.astype(x.dtype) ** 2
 
     def tables(self, x: NDArray[np.floating]) -> NDArray[np.floating]:
-        """`up` of `solver.kernels.prior` for a padded map."""
+        """`up` of `solver.kernels.group` for a padded map."""
         kind = (x.dtype, x.shape[2] - 4)
         if kind not in self._tables:
             self._tables[kind] = kernels.tables(self.weights.astype(x.dtype), x.shape[2] - 4)

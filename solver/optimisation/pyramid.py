@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.optimisation.fill import smoothed
-from solver.optimisation.memory_gradient import minimise, start
+from solver.optimisation.memory_gradient import minimise
 from solver.optimisation.padding import cropped
 from solver.optimisation.prior import Prior
 from solver.optimisation.sampling import SparseTerm
+from solver.optimisation.term import start
 
 _LEAST = 4
 """Cells across the shorter side of the coarsest grid."""

@@ -22,10 +22,11 @@ from numpy.typing import NDArray
 
 from solver.kernels import learning as kernels
 from solver.kernels.smoothing import gaussian
-from solver.optimisation.memory_gradient import Memory, Outcome, State, Term, minimise, start, start_at
+from solver.optimisation.memory_gradient import Memory, Outcome, minimise
 from solver.optimisation.prior import Prior
 from solver.optimisation.slope import slope
 from solver.optimisation.swings import find_swings
+from solver.optimisation.term import State, Term, start, start_at
 from solver.optimisation.ties import Ties
 from solver.options import FusionOptions
 from solver.result import Progress
@@ -39,12 +40,12 @@ _TAPS = 3
 
 _RENEWED, _BLUNTER = 8, 8.0
 """The most iterations of the last pass where a stream is prepared anew, and the factor on the ε it starts
-from: to the end it would take 25 to 40, for a mean absolute error that is up to 3 % larger."""
+from: to the end it would take several times as many, for a map that is no better."""
 
 _A_FEW, _PLAIN = 2, 4
 """The most iterations after an exchange of one frame, with weights and without: what is left, those after the
-next ones do. In streams, twice as many give the same errors to 1 %; without weights, 2 fell behind the data.
-Where more frames changed, so did the scene, and `_RENEWED` follow it."""
+next ones do. Without weights, fewer fall behind the data. Where more frames changed, so did the scene, and
+`_RENEWED` follow it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,19 +105,19 @@ class Trail:
     memory: Memory | None = None
     followed: bool = False
 
-    def start(self, turn: int, unit: Unit) -> State:
+    def start(self, number: int, unit: Unit) -> State:
         """The end of a pass as a start without weights, in another unit.
 
         ε goes on as it was in the first pass alone: the weights that the others are given are new, and a
-        corner as sharp as the old ones' took up to twice the iterations. A last pass that has followed the
+        corner as sharp as the old ones' would take longer. A last pass that has followed the
         data is not to be run to its end, and starts from a blunter one.
         """
-        state, kind = self.states[turn], self.states[turn].x.dtype.type
+        state, kind = self.states[number], self.states[number].x.dtype.type
         x = state.x * kind(self.unit.scale / unit.scale)
         x += kind((self.unit.offset - unit.offset) / unit.scale)
         epsilon = state.epsilon
-        if turn:
-            epsilon *= _BLUNTER if self.followed and turn + 1 == len(self.states) else 0.0
+        if number:
+            epsilon *= _BLUNTER if self.followed and number + 1 == len(self.states) else 0.0
         return replace(start_at(x), epsilon=epsilon)
 
 
@@ -141,12 +142,12 @@ def minimise_reweighted(
     ends, done = Trail(unit, plan, [state], [term]), 0
     passes, early = (0, 0.0) if plan is None else (plan.passes, plan.tolerance)
     enough = _RENEWED if trail is not None and trail.followed else options.max_iterations
-    for turn in range(passes + 1):
-        last = turn == passes
+    for number in range(passes + 1):
+        last = number == passes
         outcome = minimise(
-            ends.terms[turn],
+            ends.terms[number],
             prior,
-            ends.states[turn],
+            ends.states[number],
             tolerance=options.tolerance if last else max(options.tolerance, early),
             limit=max(1, min(options.max_iterations - done, enough if last else options.max_iterations)),
             scale=unit.scale**2,
@@ -155,12 +156,12 @@ def minimise_reweighted(
         )
         done += outcome.iterations
         if plan is not None and not last:
-            before = ends.states[turn]
-            if turn == 0:
+            before = ends.states[number]
+            if number == 0:
                 swings = None if plan.smoother is None else find_swings(prior.norms(before.x), plan.epsilon)
                 many = swings is not None and swings.mean() > plan.outvoted
                 plan.distrust(before.x, swings if many else None)
-            state = start_at(before.x.copy()) if trail is None else trail.start(turn + 1, unit)
+            state = start_at(before.x.copy()) if trail is None else trail.start(number + 1, unit)
             ends.states.append(state)
             ends.terms.append(_learn(prior, before, plan, state, swings))
     ends.memory = outcome.memory
@@ -183,7 +184,7 @@ def resume(trail: Trail, prior: Prior, options: FusionOptions, exchanged: int) -
         tolerance=options.tolerance,
         limit=min(options.max_iterations, few if exchanged == 1 else _RENEWED),
         certify=False,
-        span=1,
+        window=1,
         memory=trail.memory if exchanged == 1 else None,
     )
     trail.memory, trail.followed = outcome.memory, True

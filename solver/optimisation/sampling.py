@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 from solver.errors import FusionInputError
 from solver.kernels import bound as bounds
 from solver.kernels import sparse as kernels
-from solver.kernels.prior import PAD
-from solver.optimisation.certificate import slope
-from solver.optimisation.memory_gradient import Operator, State
+from solver.kernels.group import PAD
+from solver.optimisation.certificate import divergence
 from solver.optimisation.padding import padded
 from solver.optimisation.prior import Prior
+from solver.optimisation.term import Operator, State
 from solver.runtime import team
 
 _SWEEPS = 8
-"""Of the Poisson equation for what the duals leave at unseen pixels, gaps of a few pixels: 16 close the gap
-by a tenth more, none leaves it ten times as wide on the recorded scenes."""
+"""Of the Poisson equation for what the duals leave at unseen pixels, gaps of a few pixels: without them the
+bound is loose, more of them hardly raise it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,11 +86,11 @@ class SparseTerm:
     def certify(self, state: State, dual: NDArray[np.floating], prior: Prior) -> tuple[float, float]:
         """See `Term`; the duals are changed."""
         # Where there is no sample the duals' divergence has to be 0; around it, any is allowed.
-        phi = bounds.potential(slope(dual, prior.weights)[0], self._weight, _SWEEPS)
+        phi = bounds.potential(divergence(dual, prior.weights)[0], self._weight, _SWEEPS)
         team.share(bounds.correct, dual[0], phi, prior.weights[:2].astype(dual.dtype), state.radius)
-        tilt = slope(dual, prior.weights)[0]
-        seen, sums = self._mean[self._weight > 0], np.zeros(len(tilt))
-        team.share(bounds.least, tilt, self._weight, self._mean, float(seen.min()), float(seen.max()), sums)
+        linear = divergence(dual, prior.weights)[0]
+        seen, sums = self._mean[self._weight > 0], np.zeros(len(linear))
+        team.share(bounds.least, linear, self._weight, self._mean, float(seen.min()), float(seen.max()), sums)
         return self.value(state.x), float(sums.sum()) + self._constant
 
 

@@ -8,7 +8,7 @@ Pock, "Total generalized variation", SIAM J. Imaging Sci. 2010) with its vector 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.kernels import slope as kernels
+from solver.kernels import rises as kernels
 from solver.kernels.smoothing import gaussian
 from solver.runtime import team
 

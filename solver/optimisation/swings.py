@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.kernels.prior import PAD
+from solver.kernels.group import PAD
 
 Image = NDArray[np.floating]
 

@@ -8,7 +8,7 @@ tie holds two pixels together, so it can be tight along an edge and loose across
 over the six differences G of every pixel, s the slope, ρ the part of its weight that the prior has kept, and
 d the size of that very difference in the map of the pass before, averaged over its surroundings. As a
 diffusivity that falls with d it goes back to Perona, Malik, "Scale-space and edge detection using anisotropic
-diffusion", PAMI 1990; its exponents are measured. Ties are quadratic, so they join the data term.
+diffusion", PAMI 1990; its exponents are set by trial. Ties are quadratic, so they join the data term.
 """
 
 from dataclasses import dataclass, replace
@@ -18,19 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.kernels import learning
-from solver.kernels import ties as kernels
-from solver.kernels.prior import PAD
+from solver.kernels import tying as kernels
+from solver.kernels.group import PAD
 from solver.kernels.smoothing import gaussian
 from solver.optimisation.footprint import AreaTerm
-from solver.optimisation.memory_gradient import Operator, State
 from solver.optimisation.prior import Prior
+from solver.optimisation.term import Operator, State
 from solver.runtime import team
 
 Image = NDArray[np.floating]
 
 _REACH = 1.2
-"""Deviation of the Gaussian that averages sizes of differences, fused pixels: edges go on, noise does not.
-Without it the squared error of noisy frames is 1.3 to 1.75 times as large."""
+"""Deviation of the Gaussian that averages sizes of differences, fused pixels: edges go on, noise does not."""
 
 _TAPS = 3
 """To either side: 2.5 deviations."""

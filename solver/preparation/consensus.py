@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.kernels import consensus as kernels
+from solver.kernels import medians as kernels
 from solver.runtime import team
 
 Image = NDArray[np.float32]
@@ -52,19 +52,19 @@ class Consensus:
     """
 
     def __init__(
-        self, measured: Image, sigma: Image, positions: Image, ambiguity_range: float | None, turns: bool
+        self, measured: Image, sigma: Image, positions: Image, ambiguity_range: float | None, wraps: bool
     ) -> None:
         """Judge all samples.
 
         Args:
             sigma: (N, H, W), one standard deviation of each.
             positions: (N, H, W, 2), where they look on the grid.
-            turns: whether whole ambiguity ranges do not matter.
+            wraps: whether whole ambiguity ranges do not matter.
         """
         shape = measured.shape
         self.measured, self.agrees = measured, np.empty(shape, np.bool_)
         self._sigma, self._positions = sigma, positions
-        self._span = np.float32((ambiguity_range or 0.0) if turns else 0.0)
+        self._ambiguity = np.float32((ambiguity_range or 0.0) if wraps else 0.0)
         self._most = np.float32(ambiguity_range / _LOST if ambiguity_range else np.finfo(np.float32).max)
         self._planes = np.empty(shape, np.float32)
         self._low, self._high = np.empty(shape[1:], np.float32), np.empty(shape[1:], np.float32)
@@ -108,7 +108,7 @@ class Consensus:
         against = np.empty(measured.shape[:2], np.int32)
         samples = measured, self._sigma[frames], self._positions[frames]
         slack = tuple(np.float32(part) for part in _SLACK)
-        law = (self._low, self._high), slack, self._span
+        law = (self._low, self._high), slack, self._ambiguity
         team.share_frames(len(measured), kernels.judge, *samples, *law, agrees, against)
         for number in np.flatnonzero(against.any(axis=1)):
             agrees[number] = ~_closed(~agrees[number])

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.kernels import noise as kernels
+from solver.kernels import differences as kernels
 
 _MEDIAN_TO_SIGMA = 1.4826  # of the absolute value of a normal variable
 _CORE, _CORE_SQUARE = 1.5, 0.55158  # deviations; the mean square of a normal variable within as many

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import FusionInputError
-from solver.kernels import noise as kernels
+from solver.kernels import differences as kernels
 from solver.options import SINGLE, FusionOptions
 from solver.preparation import noise as noise_law
 from solver.preparation.consensus import MAJORITY, Consensus

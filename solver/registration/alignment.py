@@ -12,7 +12,7 @@ from solver.registration.grid import Grid, Place
 from solver.registration.misfit import Misfit
 from solver.registration.mosaic import Mosaic, resampled
 from solver.registration.motion import Motion
-from solver.registration.points import Points
+from solver.registration.point_samples import Points
 from solver.registration.samples import Samples
 from solver.registration.start import find_start, seek_shifts, start_at
 from solver.registration.steepness import finer_blocks, steep_blocks

@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass, replace
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from solver.kernels.nodes import extent
 
 Image = NDArray[np.float32]
 Place = tuple[Image, Image]
@@ -14,7 +15,6 @@ Borders = tuple[tuple[int, int], tuple[int, int]]
 
 MARGIN = 2  # pixels around the samples, for slopes at the border
 SPARE = 6  # nodes; a grid that grows often costs more than one that is somewhat larger
-PLACES = {"contract", "reassoc", "arcp", "nsz"}  # may be assumed of places: not that they are numbers
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,14 +33,14 @@ class Grid:
     @classmethod
     def over(cls, place: Place, shape: tuple[int, int], density: float) -> "Grid":
         """The grid that holds those places (rows, columns) that are within one image of the reference."""
-        first, last = _extent(*place, *shape)
+        first, last = extent(*place, *shape)
         low, high = np.floor(first) - MARGIN, np.ceil(last) + MARGIN
         rows, columns = np.ceil((high - low) * density).astype(int) + 1
         return cls((float(low[0]), float(low[1])), (int(rows), int(columns)), density)
 
     def lacking(self, place: Place, shape: tuple[int, int]) -> Borders:
         """Nodes to add before and after in rows and columns to hold other places too, with some to spare."""
-        first, last = _extent(*place, *shape)
+        first, last = extent(*place, *shape)
         borders = []
         for start, size, low, high in zip(self.origin, self.size, first, last, strict=True):
             before = int(np.ceil((start - low + 1) * self.density))
@@ -60,15 +60,3 @@ class Grid:
         """The grid whose nodes lie in the middle of this one's cells, above and left where `back` is even."""
         half = (0.5 if back % 2 else -0.5) / self.density
         return replace(self, origin=(self.origin[0] + half, self.origin[1] + half))
-
-
-@numba.njit(cache=True, fastmath=PLACES)
-def _extent(row, column, height, width):  # type: ignore[no-untyped-def]
-    """First and last row and column of the places that are at most one image away from the reference."""
-    rows, columns = np.float32(height), np.float32(width)
-    top, left, bottom, right = 2 * rows, 2 * columns, -rows, -columns
-    for s in range(len(row)):
-        r, c = row[s], column[s]
-        if r >= -rows and r <= 2 * rows and c >= -columns and c <= 2 * columns:
-            top, left, bottom, right = min(top, r), min(left, c), max(bottom, r), max(right, c)
-    return np.array([[top, left], [max(top, bottom), max(left, right)]])

@@ -1,14 +1,13 @@
 """How far the samples lie off a mosaic, by place."""
 
 import cv2
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.registration.grid import PLACES, Borders, Place
+from solver.kernels.nodes import add_misfit
+from solver.registration.grid import Borders, Place
 from solver.registration.mosaic import Mosaic
-from solver.registration.points import Points
-from solver.registration.sums import WITHIN
+from solver.registration.point_samples import Points
 
 Image = NDArray[np.float32]
 
@@ -30,7 +29,9 @@ class Misfit:
     def add(self, points: Points, place: Place, mosaic: Mosaic) -> None:
         """Add what points at places (rows, columns) lie off a mosaic."""
         grid = mosaic.grid
-        _gather(points.values, points.weights, *place, *grid.origin, grid.density, mosaic.values, *self._sums)
+        add_misfit(
+            points.values, points.weights, *place, *grid.origin, grid.density, mosaic.values, *self._sums
+        )
 
     def fade(self, keep: float) -> None:
         """Let what was added count less."""
@@ -44,24 +45,3 @@ class Misfit:
         """Mean squared residual (rows, columns) around each cell, in σ², at least 1."""
         squares, counts = (cv2.blur(image, (AROUND, AROUND)) for image in self._sums)
         return np.clip(squares / np.maximum(counts, np.float32(FEWEST)), 1, np.float32(MOST))
-
-
-@numba.njit(cache=True, fastmath=PLACES)
-def _gather(values, weights, row, column, row0, column0, density, U, squares, counts):  # type: ignore[no-untyped-def]
-    channels, rows, columns = U.shape
-    top, left, scale, one = np.float32(row0), np.float32(column0), np.float32(density), np.float32(1.0)
-    share = one / np.float32(channels)
-    for s in range(len(weights)):
-        r, c = (row[s] - top) * scale, (column[s] - left) * scale
-        if not (r >= 0.0 and c >= 0.0 and r < rows - 1 and c < columns - 1):
-            continue
-        m, n = int(r) & WITHIN, int(c) & WITHIN
-        a, d = r - np.float32(m), c - np.float32(n)
-        square = np.float32(0.0)
-        for h in range(channels):
-            up = (one - d) * U[h, m, n] + d * U[h, m, n + 1]
-            low = (one - d) * U[h, m + 1, n] + d * U[h, m + 1, n + 1]
-            residual = values[s, h] - (one - a) * up - a * low
-            square += residual * residual
-        squares[m, n] += share * weights[s] * square
-        counts[m, n] += one

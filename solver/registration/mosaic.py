@@ -14,12 +14,13 @@ quadratic one the noise that stays in U pulls the frames towards each other's no
 from dataclasses import dataclass
 
 import cv2
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.kernels.edges import UNSEEN
+from solver.kernels.pooling import pool_nodes
 from solver.registration.grid import Grid
-from solver.registration.steepness import UNSEEN, Kind, node_kinds
+from solver.registration.steepness import Kind, node_kinds
 
 Image = NDArray[np.float32]
 
@@ -64,29 +65,9 @@ def halved(mosaic: Mosaic) -> Mosaic:
     size = (grid.size[0] + 1) // 2, (grid.size[1] + 1) // 2
     values = np.empty((len(mosaic.values), *size), np.float32)
     away = np.float32(grid.density / 2)  # nodes, at most one
-    _pool_nodes(mosaic.values, away, values)
+    pool_nodes(mosaic.values, away, values)
     origin = (grid.origin[0] + 0.5) / 2 - 0.5, (grid.origin[1] + 0.5) / 2 - 0.5
     covered = mosaic.kind[::2, ::2] != UNSEEN
     coarse = Grid(origin, size, grid.density)
     misfit = None if mosaic.misfit is None else np.ascontiguousarray(mosaic.misfit[::2, ::2])
     return Mosaic(values, node_kinds(values, covered), coarse, mosaic.slope_noise / 4, misfit)
-
-
-@numba.njit(cache=True, fastmath=True)
-def _pool_nodes(image, away, pooled):  # type: ignore[no-untyped-def]
-    channels, rows, columns = image.shape
-    side, middle = np.float32(0.5) * away, np.float32(1.0) - away
-    line = np.empty(columns, np.float32)
-    for h in range(channels):
-        for i in range(pooled.shape[1]):
-            own, above, below = (
-                image[h, 2 * i],
-                image[h, max(2 * i - 1, 0)],
-                image[h, min(2 * i + 1, rows - 1)],
-            )
-            for j in range(columns):
-                line[j] = middle * own[j] + side * (above[j] + below[j])
-            out = pooled[h, i]
-            for j in range(len(out)):
-                n = 2 * j
-                out[j] = middle * line[n] + side * (line[max(n - 1, 0)] + line[min(n + 1, columns - 1)])

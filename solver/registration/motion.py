@@ -2,20 +2,17 @@
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from solver.geometry.lens import camera_matrix, lens_coefficients, pixel_rays, tilt_matrix
 from solver.geometry.positions import rotation_matrix, rotation_vector
-from solver.kernels.lens import distort
-from solver.registration.points import Points
+from solver.kernels.rotation import bend_rays, displace, rotate, to_pixels
+from solver.registration.point_samples import Points
 from solver.registration.samples import Samples
 
 Float = NDArray[np.float64]
 Image = NDArray[np.float32]
-
-NOWHERE = np.float32(-1e9)  # position of a pixel whose ray leaves the camera's half-space
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +29,7 @@ class Shift:
         """Rows and columns (P,) at which points look, in pixels of their level."""
         row, column = np.empty_like(points.row), np.empty_like(points.row)
         moves = (parameters[:, :2] / 2**points.level).astype(np.float32)
-        _shift(points.row, points.column, points.first, moves, row, column)
+        displace(points.row, points.column, points.first, moves, row, column)
         return row, column
 
     def camera(self, level: int) -> Float:
@@ -54,7 +51,7 @@ class Shift:
 
 
 @dataclass(frozen=True, slots=True)
-class Turn:
+class Rotation:
     """Rotation vectors (N, 3) of a calibrated camera."""
 
     intrinsics: Float
@@ -62,7 +59,7 @@ class Turn:
     rotational: bool = True
 
     @classmethod
-    def of(cls, intrinsics: object, distortion: object) -> "Turn":
+    def of(cls, intrinsics: object, distortion: object) -> "Rotation":
         """Check the calibration."""
         return cls(camera_matrix(intrinsics), lens_coefficients(distortion))  # type: ignore[arg-type]
 
@@ -83,10 +80,10 @@ class Turn:
         row, column = np.empty_like(points.row), np.empty_like(points.row)
         matrices = rotation_matrix(parameters).astype(np.float32)
         camera = self.camera(points.level).astype(np.float32)
-        _turn(points.row, points.column, points.first, matrices, row, column)
+        rotate(points.row, points.column, points.first, matrices, row, column)
         if self.lens.any():
-            _bend(row, column, self.lens.astype(np.float32), tilt_matrix(self.lens).astype(np.float32))
-        _project(row, column, camera)
+            bend_rays(row, column, self.lens.astype(np.float32), tilt_matrix(self.lens).astype(np.float32))
+        to_pixels(row, column, camera)
         return row, column
 
     def camera(self, level: int) -> Float:
@@ -109,45 +106,4 @@ class Turn:
         return np.array([1 / focal, 1 / focal, 4 / focal])  # roll moves a pixel by its distance to the centre
 
 
-Motion = Shift | Turn
-
-
-@numba.njit(cache=True, fastmath=True)
-def _shift(rows, columns, first, moves, row, column):  # type: ignore[no-untyped-def]
-    for k in range(len(moves)):
-        part = slice(first[k], first[k + 1])
-        row[part] = rows[part] + moves[k, 0]
-        column[part] = columns[part] + moves[k, 1]
-
-
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
-def _turn(rays_y, rays_x, first, matrices, y, x):  # type: ignore[no-untyped-def]
-    """Rays (y, x) at z = 1 after each frame's rotation."""
-    for k in range(len(matrices)):
-        R = matrices[k]
-        a, b = rays_x[first[k] : first[k + 1]], rays_y[first[k] : first[k + 1]]
-        u, v = x[first[k] : first[k + 1]], y[first[k] : first[k + 1]]
-        for s in range(len(a)):
-            z = R[2, 0] * a[s] + R[2, 1] * b[s] + R[2, 2]
-            ahead = z > np.float32(0.0)
-            u[s] = (R[0, 0] * a[s] + R[0, 1] * b[s] + R[0, 2]) / z if ahead else NOWHERE
-            v[s] = (R[1, 0] * a[s] + R[1, 1] * b[s] + R[1, 2]) / z if ahead else NOWHERE
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _bend(y, x, lens, tilt):  # type: ignore[no-untyped-def]
-    """Rays as the lens images them."""
-    for s in range(len(x)):
-        if x[s] == NOWHERE:
-            continue
-        u, v = distort(x[s], y[s], lens)[:2]
-        w = tilt[2, 0] * u + tilt[2, 1] * v + tilt[2, 2]
-        x[s] = (tilt[0, 0] * u + tilt[0, 1] * v + tilt[0, 2]) / w
-        y[s] = (tilt[1, 0] * u + tilt[1, 1] * v + tilt[1, 2]) / w
-
-
-@numba.njit(cache=True, fastmath=True)
-def _project(y, x, camera):  # type: ignore[no-untyped-def]
-    for s in range(len(x)):
-        y[s] = y[s] * camera[0] + camera[2]
-        x[s] = x[s] * camera[1] + camera[3]
+Motion = Shift | Rotation

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from solver.errors import FusionInputError
 from solver.geometry.points import rotations_to_shifts, shifts_to_rotations
 from solver.registration.alignment import Alignment
-from solver.registration.motion import Motion, Shift, Turn
+from solver.registration.motion import Motion, Rotation, Shift
 from solver.registration.samples import Source, pyramid, scaling
 
 Float = NDArray[np.float64]
@@ -69,7 +69,7 @@ def register(
     count, shape = len(images), (images.shape[1], images.shape[2])
     if not 0 <= reference < count:
         raise FusionInputError(f"reference is {reference}; expected a frame number from 0 to {count - 1}")
-    motion: Motion = Shift() if intrinsics is None else Turn.of(intrinsics, distortion)
+    motion: Motion = Shift() if intrinsics is None else Rotation.of(intrinsics, distortion)
     guess = _first_guess(initial, motion, count, shape)
     if count == 1:
         return _result(np.zeros((1, 3)), np.zeros((1, 3, 3)), {}, motion, shape, reference)
@@ -114,7 +114,7 @@ def _result(
     shape: tuple[int, int],
     reference: int,
 ) -> Registration:
-    if isinstance(motion, Turn):
+    if isinstance(motion, Rotation):
         shifts = rotations_to_shifts(parameters, shape, motion.intrinsics, motion.lens)
         fy, fx = motion.camera(0)[:2]
         variance = np.stack([covariance[:, 0, 0] * fy**2, covariance[:, 1, 1] * fx**2], axis=-1)
@@ -124,5 +124,5 @@ def _result(
     # A frame's displacement is a difference: the reference's own error is part of it.
     uncertainty = np.sqrt(variance + variance[reference] + MODEL**2)
     uncertainty[reference] = 0
-    rotations = parameters.copy() if isinstance(motion, Turn) else None
+    rotations = parameters.copy() if isinstance(motion, Rotation) else None
     return Registration(shifts, rotations, uncertainty, rejected)

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Literal
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import FusionInputError
+from solver.kernels.pooling import pool, write_phasors
 from solver.registration.statistics import FLOOR, Statistics, some_of
 
 Image = NDArray[np.float32]
@@ -54,32 +54,11 @@ class Samples:
         channels, count, height, width = self.values.shape
         mean = np.empty((channels, count, height // 2, width // 2), np.float32)
         total = np.empty(mean.shape[1:], np.float32)
-        _pool(self.values, self.weights, mean, total)
+        pool(self.values, self.weights, mean, total)
         return Samples(mean, total, self.level + 1, self.bent)
 
 
 Scaling = Callable[[Image, Image | None], Samples]
-
-
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
-def _pool(values, weights, mean, total):  # type: ignore[no-untyped-def]
-    channels, count, rows, columns = mean.shape
-    least, few, no = np.float32(1e-30), np.float32(3.0), np.float32(0.0)
-    for k in range(count):
-        for i in range(rows):
-            # Views, and one channel after the other: so the loops are vectorised.
-            above, below, out = weights[k, 2 * i], weights[k, 2 * i + 1], total[k, i]
-            for h in range(channels):
-                up, low, into = values[h, k, 2 * i], values[h, k, 2 * i + 1], mean[h, k, i]
-                for j in range(columns):
-                    a, b, c, d = above[2 * j], above[2 * j + 1], below[2 * j], below[2 * j + 1]
-                    top = a * up[2 * j] + b * up[2 * j + 1]
-                    into[j] = (top + c * low[2 * j] + d * low[2 * j + 1]) / max(a + b + c + d, least)
-            for j in range(columns):
-                a, b, c, d = above[2 * j], above[2 * j + 1], below[2 * j], below[2 * j + 1]
-                used = np.float32(a > no) + np.float32(b > no) + np.float32(c > no) + np.float32(d > no)
-                # A block that is mostly missing would be a sample at another place.
-                out[j] = a + b + c + d if used >= few else no
 
 
 def pyramid(samples: Samples) -> list[Samples]:
@@ -141,35 +120,8 @@ def _phasors(
 ) -> Samples:
     """Scaled and written in one pass: a burst's temporaries would cost more than the arithmetic."""
     values, weights = np.empty((2, *distance.shape), np.float32), np.empty(distance.shape, np.float32)
-    _write_phasors(distance, amplitude, rate, middle, factor, values, weights)
+    write_phasors(distance, amplitude, rate, middle, factor, values, weights)
     return Samples(values, weights, 0, bent=False)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _write_phasors(distance, amplitude, rate, middle, factor, values, weights):  # type: ignore[no-untyped-def]
-    """Written out so that it is vectorised: sine and cosine of half the angle, by their Taylor series."""
-    count, height, width = distance.shape
-    zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
-    two, pi = np.float32(2.0), np.float32(np.pi)
-    s3, s5, s7 = np.float32(-1 / 6), np.float32(1 / 120), np.float32(-1 / 5040)
-    s9, c2, c4 = np.float32(1 / 362880), np.float32(-1 / 2), np.float32(1 / 24)
-    c6, c8, c10 = np.float32(-1 / 720), np.float32(1 / 40320), np.float32(-1 / 3628800)
-    for k in range(count):
-        for i in range(height):
-            d, light, weight = distance[k, i], amplitude[k, i], weights[k, i]
-            real, imaginary = values[0, k, i], values[1, k, i]
-            for j in range(width):
-                turns = d[j] * rate
-                h = pi * (turns - np.floor(turns + half))
-                q = h * h
-                sine = h * (one + q * (s3 + q * (s5 + q * (s7 + q * s9))))
-                cosine = one + q * (c2 + q * (c4 + q * (c6 + q * (c8 + q * c10))))
-                x = (light[j] * (one - two * sine * sine) - middle[0]) * factor
-                y = (light[j] * (two * sine * cosine) - middle[1]) * factor
-                known = x - x == zero  # neither NaN nor infinite
-                real[j] = x if known else zero
-                imaginary[j] = y if known else zero
-                weight[j] = one if known else zero
 
 
 def _amplitude(distance: Image, amplitude: Image | None) -> tuple[Image, Mask, Image]:

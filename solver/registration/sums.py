@@ -1,13 +1,13 @@
 """The normal equations of a mosaic, which samples may be added to, and their solution."""
 
 import cv2
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.registration.grid import PLACES, Grid, Place
+from solver.kernels.nodes import accumulate
+from solver.registration.grid import Grid, Place
 from solver.registration.mosaic import Mosaic
-from solver.registration.points import Points
+from solver.registration.point_samples import Points
 from solver.registration.steepness import Mask, node_kinds, quantile, thinned
 from solver.registration.sweep import sweep
 
@@ -15,7 +15,6 @@ Image = NDArray[np.float32]
 
 COLD = 4  # sweeps from a blurred start; two are enough from an earlier mosaic
 COVERED = 0.1  # of the median weight around a node, from which on it counts as seen
-WITHIN = 0xFFFFFF  # tells the compiler that an index is not negative: it need not look for wrapping
 
 
 class Sums:
@@ -40,7 +39,7 @@ class Sums:
 
     def add(self, points: Points, place: Place) -> None:
         """Add points, whose weights are typically one, at places (rows, columns)."""
-        _accumulate(points.values, points.weights, *place, *self.grid.origin, self.grid.density, self.images)
+        accumulate(points.values, points.weights, *place, *self.grid.origin, self.grid.density, self.images)
         self.mass += float(points.weights.sum())
 
     def solve(self, *, smoothing: float, sweeps: int, start: Image | None = None) -> Mosaic:
@@ -90,35 +89,3 @@ def _weighted_mean(sums: Image) -> Image:
             return result
     result[:, ~known] = result[:, known].mean(axis=1, keepdims=True) if known.any() else 0
     return result
-
-
-@numba.njit(cache=True, fastmath=PLACES)
-def _accumulate(values, weights, row, column, row0, column0, density, sums):  # type: ignore[no-untyped-def]
-    """Add the samples to the stencil and the right sides."""
-    rows, columns = sums.shape[1:]
-    S, b, channels = sums[:5], sums[5:], len(sums) - 5
-    top, left, scale, one = np.float32(row0), np.float32(column0), np.float32(density), np.float32(1.0)
-    for s in range(len(weights)):
-        r, c = (row[s] - top) * scale, (column[s] - left) * scale
-        if not (r >= 0.0 and c >= 0.0 and r < rows - 1 and c < columns - 1):
-            continue
-        m, n = int(r) & WITHIN, int(c) & WITHIN
-        a, d, w = r - np.float32(m), c - np.float32(n), weights[s]
-        w00, w01 = (one - a) * (one - d), (one - a) * d
-        w10, w11 = a * (one - d), a * d
-        for h in range(channels):
-            y = w * values[s, h]
-            b[h, m, n] += w00 * y
-            b[h, m, n + 1] += w01 * y
-            b[h, m + 1, n] += w10 * y
-            b[h, m + 1, n + 1] += w11 * y
-        S[0, m, n] += w * w00 * w00
-        S[0, m, n + 1] += w * w01 * w01
-        S[0, m + 1, n] += w * w10 * w10
-        S[0, m + 1, n + 1] += w * w11 * w11
-        S[1, m, n] += w * w00 * w01  # to the right
-        S[1, m + 1, n] += w * w10 * w11
-        S[2, m, n] += w * w00 * w10  # down
-        S[2, m, n + 1] += w * w01 * w11
-        S[3, m, n] += w * w00 * w11  # down and right
-        S[4, m, n + 1] += w * w01 * w10  # down and left

@@ -14,8 +14,8 @@ from solver.registration.fit import OVERLAP
 from solver.registration.grid import Grid
 from solver.registration.misfit import Misfit
 from solver.registration.mosaic import Mosaic, halved
-from solver.registration.motion import Motion, Shift, Turn
-from solver.registration.points import Points
+from solver.registration.motion import Motion, Rotation, Shift
+from solver.registration.point_samples import Points
 from solver.registration.samples import Samples, Scaling, pyramid, scaling
 from solver.registration.start import find_start
 from solver.registration.steps import solve_steps
@@ -50,7 +50,7 @@ class Track:
         distortion: ArrayLike | None = None,
         ambiguity_range: float | None = None,
     ) -> None:
-        self._motion: Motion = Shift() if intrinsics is None else Turn.of(intrinsics, distortion)
+        self._motion: Motion = Shift() if intrinsics is None else Rotation.of(intrinsics, distortion)
         self._range = ambiguity_range
         self._span, self._added = span, 0
         self._scaling: Scaling | None = None

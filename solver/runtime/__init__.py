@@ -3,7 +3,7 @@
 import os
 
 # GNU's OpenMP lets waiting threads spin. On a machine of two cores that also captures and publishes, a
-# spinning thread keeps its partner from running: measured 20 times slower under load, no slower without.
+# spinning thread keeps its partner from running.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 from solver.runtime.caching import keep_kernels

@@ -33,7 +33,7 @@ _FEW = 4
 """Kernels that are compiled, when they are called, before another process has started."""
 
 _MOST = 8
-"""Processes; each takes 200 MB, and the longest kernel a tenth of the time of all."""
+"""Processes: each takes memory, and none can be done before the longest kernel is."""
 
 _CODE = (
     "import sys; sys.path[:] = {path!r}; from solver.runtime.ahead import serve; serve(sys.stdin, sys.stdout)"

@@ -1,7 +1,7 @@
 """Freed memory is kept for the next image.
 
 A fusion takes and frees some fifty images. The C library gives what is free at its end back to the system,
-and every page of the next image is then fetched anew: measured a fifth of a full frame's time. Up to
+and every page of the next image is then fetched anew, which takes a good part of a full frame's time. Up to
 `_KEPT` bytes stay with the process instead. Whoever sets glibc's own MALLOC_ variables decides otherwise.
 """
 

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import numba
 
 ALONE = 40_000
-"""Fused pixels up to which one thread is faster: a kernel then takes less than the 0.1 ms or more that waking
+"""Fused pixels up to which one thread is faster: a kernel then takes less than waking
 a sleeping thread does (threads sleep when idle, see `solver.kernels`)."""
 
 

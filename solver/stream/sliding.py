@@ -189,7 +189,7 @@ class SlidingFusion:
         problem = self._window.problem(options, self._range)
         solution = load(options.method)(problem, initial=self._last)
         self._last = solution
-        distance, spread, reason = complete(problem, solution)
+        distance, deviation, reason = complete(problem, solution)
         if not solution.converged and solution.iterations >= options.max_iterations:
             warn_unconverged(options, solution, stacklevel=4)
         entries = self._window.entries
@@ -208,6 +208,6 @@ class SlidingFusion:
             notes=notes,
         )
         if self._matrix is None:
-            return Fused(distance, spread, solution.amplitude, relative, None, report, reason)
+            return Fused(distance, deviation, solution.amplitude, relative, None, report, reason)
         shifts = np.stack([central(entry.positions) for entry in entries])
-        return Fused(distance, spread, solution.amplitude, shifts, relative, report, reason)
+        return Fused(distance, deviation, solution.amplitude, shifts, relative, report, reason)

@@ -15,8 +15,8 @@ _MANY = 8
 """Frames of which one is a small part."""
 
 _ROUNDS = 2
-"""How often all frames are exchanged before the problem is prepared anew: once costs a tenth of the maps per
-second, four times up to 5 % of the mean absolute error."""
+"""How often all frames are exchanged before the problem is prepared anew: more seldom costs accuracy, more
+often maps per second."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,11 +6,12 @@ import pytest
 
 from solver.geometry.positions import sample_positions
 from solver.kernels.bound import correct, potential
-from solver.optimisation.certificate import slope
+from solver.optimisation.certificate import divergence
 from solver.optimisation.footprint import AreaTerm
-from solver.optimisation.memory_gradient import Outcome, Term, minimise, start
+from solver.optimisation.memory_gradient import Outcome, minimise
 from solver.optimisation.prior import Prior, level
 from solver.optimisation.sampling import SparseTerm
+from solver.optimisation.term import Term, start
 from solver.options import NEIGHBOURHOOD, Footprint
 
 SHIFTS = np.array([[0, 0], [0.3, 0.45], [-0.4, 0.2], [0.15, -0.35]])
@@ -135,10 +136,10 @@ def test_what_unseen_pixels_leave_goes_to_seen_ones_around() -> None:
     rng = np.random.default_rng(4)
     x, weight = rng.normal(size=(1, 44, 54)), (rng.random((44, 54)) < 0.4).astype(float)
     dual = Prior().duals(x, np.ones_like(x[0]), level(x), 1.0)
-    before = slope(dual, Prior().weights)[0]
+    before = divergence(dual, Prior().weights)[0]
     phi = potential(before, weight, 200)
     correct(0, 1, dual[0], phi, Prior().weights[:2].astype(float), np.full_like(x[0], 1e3))
-    left = slope(dual, Prior().weights)[0]
+    left = divergence(dual, Prior().weights)[0]
     unseen = weight[2:-2, 2:-2] == 0
     assert np.abs(before[unseen]).max() > 1
     np.testing.assert_allclose(left[unseen], 0, atol=1e-9)
@@ -165,7 +166,7 @@ def test_the_objective_never_rises() -> None:
         SparseTerm(weight, mean, 0.0),
         Prior(),
         start(np.zeros((1, 30, 30))),
-        tolerance=1e-7,
+        tolerance=1e-9,
         limit=400,
         progress=lambda _, objective, __: seen.append(objective),
     )

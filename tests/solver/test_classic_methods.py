@@ -199,21 +199,19 @@ def test_every_classic_method_gives_back_a_constant_scene(method, factor):
 
 def test_conjugate_gradients_agree_with_a_dense_solution():
     random = np.random.default_rng(2)
-    stencil = np.zeros((5, 6, 7), np.float32)
+    stencil = np.zeros((3, 6, 7), np.float32)
     stencil[1, :, :-1] = random.normal(size=(6, 6))
     stencil[2, :-1] = random.normal(size=(5, 7))
-    stencil[3, :-1, :-1] = random.normal(size=(5, 6))
-    stencil[4, :-1, 1:] = random.normal(size=(5, 6))
     number = np.arange(42).reshape(6, 7)
     dense = np.zeros((42, 42))
-    for coefficient, (dy, dx) in zip(stencil[1:], ((0, 1), (1, 0), (1, 1), (1, -1)), strict=True):
+    for coefficient, (dy, dx) in zip(stencil[1:], ((0, 1), (1, 0)), strict=True):
         for i in range(6 - dy):
-            for j in range(max(0, -dx), 7 - max(0, dx)):
+            for j in range(7 - dx):
                 dense[number[i, j], number[i + dy, j + dx]] = coefficient[i, j]
     dense += dense.T
     stencil[0] = (np.abs(dense).sum(axis=1) + 1).reshape(6, 7)
     dense += np.diag(stencil[0].ravel())
-    right = random.normal(size=(2, 6, 7)).astype(np.float32)
+    right = random.normal(size=(6, 7)).astype(np.float32)
     found, steps = conjugate_gradients(stencil, right, np.zeros_like(right), steps=200, tolerance=1e-6)
-    assert steps < 200
-    assert np.allclose(found.reshape(2, 42), np.linalg.solve(dense, right.reshape(2, 42).T).T, atol=1e-5)
+    assert steps < 30
+    assert np.allclose(found.ravel(), np.linalg.solve(dense, right.ravel()), atol=1e-5)

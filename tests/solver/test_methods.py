@@ -6,15 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Burst, burst
+from made_bursts import Burst, burst
 
 from solver import Footprint, FusionOptions, FusionWarning, fuse
 from solver.geometry.positions import sample_positions
 from solver.optimisation.fill import smoothed
 from solver.optimisation.footprint import AreaTerm
-from solver.optimisation.memory_gradient import State, Term, minimise, start
+from solver.optimisation.memory_gradient import minimise
 from solver.optimisation.prior import Prior
 from solver.optimisation.sampling import SparseTerm, sample
+from solver.optimisation.term import State, Term, start
 
 OBJECT = Path(__file__).parents[2].parent / "shared" / "data" / "bunny_depth.npz"
 

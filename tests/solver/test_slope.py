@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from solver.geometry.positions import sample_positions
-from solver.kernels.prior import PAD
+from solver.kernels.group import PAD
 from solver.kernels.smoothing import gaussian
 from solver.optimisation.footprint import AreaTerm
-from solver.optimisation.memory_gradient import minimise, start
+from solver.optimisation.memory_gradient import minimise
 from solver.optimisation.prior import Prior, level
 from solver.optimisation.slope import slope
+from solver.optimisation.term import start
 from solver.options import Footprint
 
 

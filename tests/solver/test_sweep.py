@@ -8,7 +8,7 @@ from solver.registration.alignment import DENSITY, SMOOTHING
 from solver.registration.equations import POSITION_ERROR, normal_equations
 from solver.registration.grid import Grid
 from solver.registration.motion import Shift
-from solver.registration.points import Points
+from solver.registration.point_samples import Points
 from solver.registration.samples import Samples, scaling
 from solver.registration.sums import Sums
 from solver.registration.sweep import EPSILON, sweep, sweep_and_fade

@@ -6,6 +6,7 @@ import numba
 import numpy as np
 import pytest
 
+from solver.kernels.barrier import meet
 from solver.runtime import team
 
 if numba.config.NUMBA_NUM_THREADS == 1:
@@ -20,7 +21,7 @@ def turns(rank, size, barrier, rounds, fails, out):  # type: ignore[no-untyped-d
             out[0] = 3 * out[0] % 1001 + rank
         if rank == fails and 2 * k > rounds:
             raise MemoryError
-        team.meet(barrier, size)
+        meet(barrier, size)
 
 
 @pytest.fixture(autouse=True)

@@ -6,12 +6,13 @@ import pytest
 from solver import FusionOptions, fuse
 from solver.evaluation.protocol import DepthMap, make_trial
 from solver.geometry.positions import sample_positions
-from solver.kernels import ties as kernels
-from solver.kernels.prior import PAD
+from solver.kernels import tying as kernels
+from solver.kernels.group import PAD
 from solver.methods import area
 from solver.optimisation.footprint import AreaTerm
-from solver.optimisation.memory_gradient import minimise, start
+from solver.optimisation.memory_gradient import minimise
 from solver.optimisation.prior import Prior
+from solver.optimisation.term import start
 from solver.optimisation.ties import Tied, Ties
 from solver.options import NEIGHBOURHOOD, Footprint
 

@@ -10,6 +10,13 @@ def align(rank, size, distance, sigma, most, positions, planes):  # type: ignore
 
     Samples that deviate by more than `most` have no vote. Of two of a frame on one pixel the later counts.
     By a team, as all kernels here.
+
+    Args:
+        distance: (N, H, W), any unit.
+        sigma: (N, H, W), deviations in distance's unit.
+        most: deviation.
+        positions: (N, H, W, 2), pixels of frame 0.
+        planes: (N, H, W), in distance's unit ←.
     """
     frames, rows, columns = distance.shape
     for k in range(rank * frames // size, (rank + 1) * frames // size):
@@ -28,6 +35,12 @@ def medians(rank, size, planes, least, low, high):  # type: ignore[no-untyped-de
     Of an even number they are the two in the middle: where votes are even, both sides are right.
 
     Rows are sorted as far as the middle, all columns at once.
+
+    Args:
+        planes: (N, H, W), of `align`.
+        least: a number of frames.
+        low: (H, W), any unit ←.
+        high: (H, W), any unit ←.
     """
     frames, rows, columns = planes.shape
     ranked, count = np.empty((frames, columns), np.float32), np.empty(columns, np.int64)
@@ -60,14 +73,17 @@ def _order(upper, lower):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def judge(rank, size, measured, sigma, positions, bounds, slack, span, agrees, against):  # type: ignore[no-untyped-def]
+def judge(rank, size, measured, sigma, positions, bounds, slack, ambiguity, agrees, against):  # type: ignore[no-untyped-def]
     """agrees (N, H, W) ← whether each sample lies near enough to what the frames around it say.
 
     Args:
-        measured: (N, H, W), NaN agrees; sigma: its deviation; positions: (N, H, W, 2).
-        bounds: least and greatest distance around, both (H, W), ∓∞ = unknown: whatever is said agrees.
-        slack: (in units of high − low from the middle, in deviations, in units of the middle).
-        span: the ambiguity range, whole ones of which do not count; 0 = they do.
+        measured: (N, H, W), any unit, NaN agrees.
+        sigma: (N, H, W), its deviation.
+        positions: (N, H, W, 2), pixels of frame 0.
+        bounds: two of (H, W), least and greatest distance around, ∓∞ = unknown: whatever is said agrees.
+        slack: in units of high − low from the middle, in deviations, in units of the middle.
+        ambiguity: the ambiguity range, whole ones of which do not count; 0 = they do.
+        agrees: (N, H, W) ←.
         against: (N, H) ← samples of a row that do not agree.
     """
     frames, rows, columns = measured.shape
@@ -77,7 +93,7 @@ def judge(rank, size, measured, sigma, positions, bounds, slack, span, agrees, a
         k, i = line // rows, line % rows
         _find(positions[k, i], rows, columns, places)
         own = measured[k, i], sigma[k, i]
-        against[k, i] = _judge_row(own, places, low, high, slack, span, agrees[k, i])
+        against[k, i] = _judge_row(own, places, low, high, slack, ambiguity, agrees[k, i])
 
 
 @njit
@@ -91,7 +107,7 @@ def _find(positions, rows, columns, places):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy")
-def _judge_row(own, places, low, high, slack, span, agrees):  # type: ignore[no-untyped-def]
+def _judge_row(own, places, low, high, slack, ambiguity, agrees):  # type: ignore[no-untyped-def]
     """`judge` for one row; how many samples of it do not agree."""
     (measured, sigma), n = own, places.size
     ds, deviations, verdicts = measured[:n], sigma[:n], agrees[:n]
@@ -101,8 +117,8 @@ def _judge_row(own, places, low, high, slack, span, agrees):  # type: ignore[no-
         least, most = low[place], high[place]
         middle = half * (least + most)
         away = abs(ds[j] - middle)
-        if span > 0:
-            away = abs(away - span * np.round(away / span))
+        if ambiguity > 0:
+            away = abs(away - ambiguity * np.round(away / ambiguity))
         allowed = slack[0] * (most - least) + slack[1] * deviations[j] + slack[2] * abs(middle)
         agree = not away > (allowed if places[j] >= 0 else never)  # NaN agrees
         verdicts[j] = agree
@@ -112,7 +128,14 @@ def _judge_row(own, places, low, high, slack, span, agrees):  # type: ignore[no-
 
 @njit(nogil=True, cache=True)
 def changes(rank, size, measured, distance, agrees, out):  # type: ignore[no-untyped-def]
-    """out (N, H) ← how many samples of each row agree though distance (N, H, W) is NaN, or the other way."""
+    """out (N, H) ← how many samples of each row agree though distance (N, H, W) is NaN, or the other way.
+
+    Args:
+        measured: (N, H, W), any unit.
+        distance: (N, H, W), any unit.
+        agrees: (N, H, W).
+        out: (N, H).
+    """
     frames, rows, columns = measured.shape
     for line in range(rank * frames * rows // size, (rank + 1) * frames * rows // size):
         k, i = line // rows, line % rows

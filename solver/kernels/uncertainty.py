@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from solver.kernels.prior import COLUMNS, ROWS
+from solver.kernels.group import COLUMNS, ROWS
 
 
 @njit(fastmath=True)
@@ -68,8 +68,13 @@ def combine(rank, size, x, precision, factor, noise, least, shift, out):  # type
     """out ← √(noise² / samples + (shift · steepness)²), each a mean over factor × factor pixels; by a team.
 
     Args:
-        x: the fused map; precision: of the samples on each pixel; both (rows, columns).
+        x: (rows, columns), the fused map, any unit.
+        precision: (rows, columns), of the samples on each pixel, in 1 / noise².
+        factor: β.
+        noise: deviation of a sample.
         least: as which fewer samples count.
+        shift: error of place, pixels.
+        out: (rows, columns), in the map's unit.
     """
     rows, n = x.shape
     before, share = factor // 2, x.dtype.type(1 / factor**2)
@@ -96,6 +101,13 @@ def fade(rank, size, away, scale, most, deviation, distance):  # type: ignore[no
 
     Both it and distance become NaN further away than `most` units; away is in pixels, `scale` times as many
     units.
+
+    Args:
+        away: (rows, columns), pixels.
+        scale: units per pixel.
+        most: units.
+        deviation: (rows, columns), any unit, in place.
+        distance: (rows, columns), any unit, in place.
     """
     rows, columns = distance.shape
     double = np.float32(np.log(2.0))

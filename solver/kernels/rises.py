@@ -54,10 +54,14 @@ def votes(rank, size, x, before, measure, weight, scale, taps, out):  # type: ig
     Sums over 2 × 2 pixels, averaged along rows; by a team.
 
     Args:
-        x: (C, rows + 4, columns + 4), padded; the last row and column repeat the rise before them.
-        before: (C, 2, rows + 4, columns + 4), the slope that was found before.
-        measure, weight: (rows + 4, columns + 4).
+        x: (C, rows + 4, columns + 4), a map padded by 2, any unit; the last row and column repeat the rise
+            before them.
+        before: (C, 2, rows + 4, columns + 4), the gradient that was found before, by row and column.
+        measure: (rows + 4, columns + 4), padded by 2.
+        weight: (rows + 4, columns + 4), padded by 2, each pixel's say.
         scale: 1 / edge²; the say is weight / (1 + scale · (rises − before)²)².
+        taps: (taps,), of the mean along rows, symmetric.
+        out: (1 + 2 C, half rows, half columns).
     """
     channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
     half_rows, half, reach = out.shape[1], out.shape[2], taps.size - 1
@@ -116,7 +120,12 @@ def _divide(a, b, tiny, measure, out):  # type: ignore[no-untyped-def]
 def slopes(rank, size, votes, measure, taps, tiny, out):  # type: ignore[no-untyped-def]
     """out (C, 2, rows + 4, columns + 4) ← the mean rise by row and by column, 0 in the padding; by a team.
 
-    Args: votes as `votes` leaves them, still to be averaged across rows; tiny: more than no say at all.
+    Args:
+        votes: (1 + 2 C, half rows, half columns), as `votes` leaves them, still to be averaged across rows.
+        measure: (rows + 4, columns + 4), padded by 2.
+        taps: (taps,), of the mean, symmetric.
+        tiny: more than no say at all.
+        out: (C, 2, rows + 4, columns + 4), in the map's unit per pixel.
     """
     channels, rows, n = out.shape[0], out.shape[2] - 4, out.shape[3] - 4
     images, half_rows, half = votes.shape

@@ -9,6 +9,11 @@ def take(labels, known, values):  # type: ignore[no-untyped-def]
     """values ← at unknown pixels that of the known pixel with the same label, in place; (rows, columns).
 
     There must be such a one for every label.
+
+    Args:
+        labels: (rows, columns).
+        known: (rows, columns).
+        values: (rows, columns), any unit.
     """
     rows, columns = known.shape
     table = np.empty(rows * columns + 1, values.dtype)
@@ -24,7 +29,14 @@ def take(labels, known, values):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, fastmath=True, error_model="numpy")
 def divide(total, share, least, known):  # type: ignore[no-untyped-def]
-    """total ← total / share and known ← true where the share is over `least`, else 0 and false."""
+    """total ← total / share and known ← true where the share is over `least`, else 0 and false.
+
+    Args:
+        total: (rows, columns), in place.
+        share: (rows, columns).
+        least: what a share must exceed.
+        known: (rows, columns) ←.
+    """
     rows, columns = total.shape
     for i in range(rows):
         t, s, k = total[i], share[i], known[i]
@@ -39,6 +51,13 @@ def relax(values, rows, columns, sweeps, over):  # type: ignore[no-untyped-def]
     """Gauss–Seidel sweeps with over-relaxation of Laplace's equation at the listed pixels, in place.
 
     A pixel stands for the neighbours that it lacks. It is quick where no pixel is next to the one before it.
+
+    Args:
+        values: (image rows, image columns), any unit, in place.
+        rows: (n,), of the pixels.
+        columns: (n,), of the pixels.
+        sweeps: how many.
+        over: factor on each step.
     """
     height, width = values.shape
     flat, factor, quarter = values.reshape(-1), values.dtype.type(over), values.dtype.type(0.25)

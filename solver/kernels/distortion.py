@@ -6,7 +6,13 @@ import numpy as np
 
 @numba.njit(cache=True, inline="always")
 def distort(x, y, k):  # type: ignore[no-untyped-def]
-    """Distorted position and its derivatives: (u, v, du/dx, du/dy, dv/dx, dv/dy), without the tilt."""
+    """Distorted position and its derivatives: (u, v, du/dx, du/dy, dv/dx, dv/dy), without the tilt.
+
+    Args:
+        x: (n,), to the right on the plane at distance 1, or one number.
+        y: (n,), downward, or one number.
+        k: (14,), OpenCV's coefficients.
+    """
     r2 = x * x + y * y
     top = 1.0 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))
     bottom = 1.0 + r2 * (k[5] + r2 * (k[6] + r2 * k[7]))
@@ -27,7 +33,12 @@ def distort(x, y, k):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def undistort(image, k):  # type: ignore[no-untyped-def]
-    """Undistorted (P, 2) of distorted positions (P, 2), by Newton's method; NaN where the model folds."""
+    """Undistorted (P, 2) of distorted positions (P, 2), by Newton's method; NaN where the model folds.
+
+    Args:
+        image: (P, 2), on the plane at distance 1.
+        k: (14,), OpenCV's coefficients.
+    """
     rays = np.full_like(image, np.nan)
     for i in range(len(image)):
         x, y = image[i]

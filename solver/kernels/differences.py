@@ -12,6 +12,10 @@ def thinned(values, others, least, most):  # type: ignore[no-untyped-def]
 
     They are looked up at even distances that visit all columns in turn, four times as densely as long as
     fewer than a quarter of what is wanted turns up.
+
+    Args:
+        values: (N, H, W).
+        others: (N, H, W).
     """
     a, b, columns = values.reshape(-1), others.reshape(-1), values.shape[2]
     step = max(1, a.size // most)
@@ -37,13 +41,13 @@ def _second_difference(image, i, j, corner, side, centre):  # type: ignore[no-un
 
 
 @njit(cache=True, error_model="numpy")
-def mixed_differences(distance, inverse, span):  # type: ignore[no-untyped-def]
+def mixed_differences(distance, inverse, ambiguity):  # type: ignore[no-untyped-def]
     """The finite |mixed second differences| of frames (N, H, W), each over its deviation for σ² = inverse.
 
     Args:
         inverse: 1 / amplitude² like distance, or (0, H, W): every deviation is then that for σ = 1. Where it
             is infinite, a sample tells nothing of the noise.
-        span: the ambiguity range, whole ones of which are taken off; 0 = none.
+        ambiguity: the ambiguity range, whole ones of which are taken off; 0 = none.
     """
     frames, rows, columns = distance.shape
     out = np.empty(frames * max(0, rows - 2) * max(0, columns - 2), np.float32)
@@ -53,8 +57,8 @@ def mixed_differences(distance, inverse, span):  # type: ignore[no-untyped-def]
         for i in range(1, rows - 1):
             for j in range(1, columns - 1):
                 value = _second_difference(distance[k], i, j, one, -two, four)
-                if span > 0:
-                    value -= span * np.float32(np.round(value / span))
+                if ambiguity > 0:
+                    value -= ambiguity * np.float32(np.round(value / ambiguity))
                 scale = six
                 if inverse.shape[0] > 0:
                     scale = np.sqrt(_second_difference(inverse[k], i, j, one, four, four * four))
@@ -85,6 +89,11 @@ def standing(distance, sigma, picked, most):  # type: ignore[no-untyped-def]
     """(2,): the mean step down and the mean step across of the picked frames of (N, H, W).
 
     Steps between two known samples count, those of at most `most` deviations of themselves as none.
+
+    Args:
+        distance: (N, H, W), metres or any unit.
+        sigma: (N, H, W), deviations in distance's unit.
+        picked: (n,), numbers of frames.
     """
     rows, sums, square = distance.shape[1], np.zeros((2, 2)), np.float32(most * most)
     for k in picked:
@@ -101,6 +110,13 @@ def light(distance, amplitude, noise, threshold, sigma, lit):  # type: ignore[no
     """sigma ← noise / amplitude, lit ← distance where the amplitude reaches the threshold; all (n,).
 
     sigma is infinite where it is dark, lit is NaN elsewhere. Returns the number of samples left.
+
+    Args:
+        distance: (n,), any unit.
+        amplitude: (n,), any unit.
+        noise: deviation times amplitude.
+        sigma: (n,), in distance's unit ←.
+        lit: (n,), in distance's unit ←.
     """
     count = 0
     for n in range(distance.size):

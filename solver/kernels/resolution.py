@@ -6,7 +6,7 @@ from numba import njit
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def resolve(rank, size, logs, phases, seen, mean, scale, unit, cut, least):  # type: ignore[no-untyped-def]
-    """In place: log-amplitude → distance, from `cut` up to a turn more; phase → amplitude; by a team.
+    """In place: log-amplitude → distance, from `cut` up to a circle more; phase → amplitude; by a team.
 
     Args:
         logs, phases, seen: (rows, columns); seen: how many samples see each pixel.
@@ -15,12 +15,12 @@ def resolve(rank, size, logs, phases, seen, mean, scale, unit, cut, least):  # t
         least: seen · |Z|² below which the distance is lost, which makes it NaN; for the mean's |Z| too.
     """
     rows, columns = logs.shape
-    turn = np.float32(2 * np.pi)
+    circle = np.float32(2 * np.pi)
     for i in range(rank * rows // size, (rank + 1) * rows // size):
         x, y, n, a, b = logs[i], phases[i], seen[i], mean[0, i], mean[1, i]
         for j in range(columns):
             length, phase = np.exp(x[j]), y[j]
-            angle = phase - turn * np.floor((phase - cut) / turn)
+            angle = phase - circle * np.floor((phase - cut) / circle)
             light = n[j] * min(length * length, a[j] * a[j] + b[j] * b[j])
             x[j] = angle * scale if light >= least else np.float32(np.nan)
             y[j] = length * unit

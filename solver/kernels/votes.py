@@ -9,9 +9,12 @@ def vote(used, measured, light, most, positions, votes):  # type: ignore[no-unty
     """votes (3, H, W) += the samples that are too dark, saturated, contradicted, by the pixel they look at.
 
     Args:
-        used, measured, light: (N, H, W) distances used (NaN = not), measured (NaN = invalid), amplitudes.
+        used: (N, H, W), distances used, any unit, NaN = not.
+        measured: (N, H, W), distances measured, NaN = invalid.
+        light: (N, H, W), amplitudes, any unit.
         most: the largest amplitude of a valid sample; invalid ones above it are saturated.
-        positions: (N, H, W, 2).
+        positions: (N, H, W, 2), pixels of frame 0.
+        votes: (3, H, W), in place.
     """
     frames, rows, columns = used.shape
     for k in range(frames):

@@ -20,7 +20,7 @@ def place(rank, size, weights, positions, scale, offset, shape, nodes, fractions
     Args:
         weights: (N, H, W), 0 = not used; positions: (N, H, W, 2).
         scale: β; offset: node of a footprint centred on coordinate 0 of the fused grid's edges.
-        shape: rows and columns of nodes.
+        shape: (rows, columns) of nodes.
         nodes: (N, H, W) int32 ← the node's number in a padded image, −1 = not used.
         fractions: (2, N, H, W) ← parts of a node by row and by column.
         spans: (N, H, 2) ← the least and the largest node of each frame row, (all nodes, −1): none.
@@ -67,8 +67,13 @@ def accumulate(rank, size, values, weights, nodes, fractions, spans, stencil, si
     Bands of node rows are filled one by one, which keeps them in cache and gives each band one writer.
 
     Args:
-        values: (C, N, H, W); weights: (N, H, W); nodes, fractions, spans: of `place`.
-        stencil: (5, …); side: (C, …).
+        values: (C, N, H, W), in units of λ.
+        weights: (N, H, W), in 1 / λ², 0 = not used.
+        nodes: (N, H, W), of `place`.
+        fractions: (2, N, H, W), of `place`.
+        spans: (N, H, 2), of `place`.
+        stencil: (5, nodes + 2, nodes + 2), M, padded by 1.
+        side: (C, nodes + 2, nodes + 2), b, padded by 1.
     """
     frames, rows = weights.shape[:2]
     node_rows, width = stencil.shape[1] - 2, stencil.shape[2]
@@ -164,7 +169,15 @@ def distrust(  # type: ignore[no-untyped-def]
     w becomes w (a / r)²; by a team.
 
     Args:
-        blurred: (C, …), B X; noise: of a sample of weight 1; the others as in `accumulate`.
+        values: (C, N, H, W), in units of λ.
+        weights: (N, H, W), in 1 / λ², 0 = not used.
+        nodes: (N, H, W), of `place`.
+        fractions: (2, N, H, W), of `place`.
+        spans: (N, H, 2), of `place`.
+        blurred: (C, nodes + 2, nodes + 2), B X, padded by 1.
+        noise: of a sample of weight 1.
+        slack: in units of λ.
+        lost: (N, H, W), in 1 / λ².
         found: (N, H, 2) ← the spans of rows in which any loses, none for the others.
     """
     channels, frames, rows, columns = values.shape
@@ -193,7 +206,14 @@ def distrust(  # type: ignore[no-untyped-def]
 def residuals(rank, size, values, weights, nodes, fractions, spans, blurred, sums):  # type: ignore[no-untyped-def]
     """sums (N · H, C, 5) += Ω, Ω y, Ω A X, Ω (y − A X)², Ω (y² − (A X)²) by row and channel; by a team.
 
-    Args: blurred (C, nodes + 2, nodes + 2), B X; the others as in `accumulate`.
+    Args:
+        values: (C, N, H, W), in units of λ.
+        weights: (N, H, W), in 1 / λ², 0 = not used.
+        nodes: (N, H, W), of `place`.
+        fractions: (2, N, H, W), of `place`.
+        spans: (N, H, 2), of `place`.
+        blurred: (C, nodes + 2, nodes + 2), B X, padded by 1.
+        sums: (N · H, C, 5), in float64.
     """
     channels, frames, rows, columns = values.shape
     model = np.zeros(columns, blurred.dtype)

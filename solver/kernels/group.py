@@ -84,7 +84,12 @@ def stiffen(squares, radius, epsilon, stiffness, sums):  # type: ignore[no-untyp
 def norms(rank, size, x, slope, weights, out):  # type: ignore[no-untyped-def]
     """out (rows + 4, columns + 4) ← ‖∇x − slope‖₂ by pixel, all channels in one group.
 
-    Args: weights: (6,), the squared weights of the differences.
+    Args:
+        x: (C, rows + 4, columns + 4), a map padded by 2, in units of λ.
+        slope: (C, 2, rows + 4, columns + 4), the gradient that is foretold, by row and column, or (C, 2, 0,
+            0) = level.
+        weights: (6,), the squared weights of the differences, 1 / pixel².
+        out: (rows + 4, columns + 4), padded by 2.
     """
     channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
     squares, within = np.zeros(n, x.dtype), inside(n, x.dtype)
@@ -106,7 +111,16 @@ def _weighed(squares, radius):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True)
 def values(rank, size, x, slope, weights, radius, sums):  # type: ignore[no-untyped-def]
-    """sums (rows,) float64 ← Σ radius ‖∇x − slope‖₂ by row; the others as for `norms`."""
+    """sums ← Σ radius ‖∇x − slope‖₂ by row.
+
+    Args:
+        x: (C, rows + 4, columns + 4), a map padded by 2, in units of λ.
+        slope: (C, 2, rows + 4, columns + 4), the gradient that is foretold, by row and column, or (C, 2, 0,
+            0) = level.
+        weights: (6,), the squared weights of the differences, 1 / pixel².
+        radius: (rows + 4, columns + 4), padded by 2, λ by pixel in units of λ.
+        sums: (rows,), in float64.
+    """
     channels, rows, n = x.shape[0], x.shape[1] - 4, x.shape[2] - 4
     squares, within = np.zeros(n, x.dtype), inside(n, x.dtype)
     for row in range(rank * rows // size, (rank + 1) * rows // size):

@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.kernels.nodes import gather
 from solver.registration.samples import Samples
 
 Image = NDArray[np.float32]
@@ -57,7 +57,7 @@ class Points:
         pixel = np.empty(most, np.int32)
         first = np.zeros(len(samples.weights) + 1, np.int64)
         arrays = (values, weights, row, column, pixel)
-        _gather(samples.values, samples.weights, base, keep, shift, *arrays, first)
+        gather(samples.values, samples.weights, base, keep, shift, *arrays, first)
         end = first[-1]
         return cls(
             values[:end],
@@ -85,23 +85,3 @@ class Points:
             self.level,
             self.bent,
         )
-
-
-@numba.njit(cache=True)
-def _gather(values, weights, base, keep, shift, y, w, row, column, pixel, first):  # type: ignore[no-untyped-def]
-    channels, count, height, width = values.shape
-    last_row, last_column = keep.shape[1] - 1, keep.shape[2] - 1  # an odd last pixel has no block of its own
-    s = 0
-    for k in range(count):
-        for i in range(height):
-            used, kept = weights[k, i], keep[k, min(i >> shift, last_row)]
-            for j in range(width):
-                if used[j] > 0.0 and kept[min(j >> shift, last_column)]:
-                    w[s] = used[j]
-                    row[s] = base[0, i, j]
-                    column[s] = base[1, i, j]
-                    pixel[s] = i * width + j
-                    for h in range(channels):
-                        y[s, h] = values[h, k, i, j]
-                    s += 1
-        first[k + 1] = s

@@ -1,6 +1,6 @@
 """Ties between neighbours: ½ Σ t (G X − s)² with a strength t for every difference G of the prior.
 
-Images are padded as in `kernels.prior`. Strengths are kept as `levels`, bytes (6, rows + 4, columns + 4),
+Images are padded as in `kernels.group`. Strengths are kept as `levels`, bytes (6, rows + 4, columns + 4),
 0 in the padding and where a difference leaves the image, and the `unit` (6,) of each difference's levels: an
 iteration waits for memory, and bytes are a quarter of it.
 """
@@ -8,7 +8,7 @@ iteration waits for memory, and bytes are a quarter of it.
 import numpy as np
 from numba import njit
 
-from solver.kernels.prior import COLUMNS, ROWS
+from solver.kernels.group import COLUMNS, ROWS
 from solver.kernels.view import view
 
 
@@ -22,7 +22,13 @@ def _add_both(own, other, by, out):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True)
 def add_diagonal(rank, threads, levels, unit, out):  # type: ignore[no-untyped-def]
-    """out (rows + 4, columns + 4) += the diagonal of Gᵀ t G; by a team (see `kernels.team`)."""
+    """out += the diagonal of Gᵀ t G; by a team.
+
+    Args:
+        levels: (6, rows + 4, columns + 4), bytes, strengths in steps of `unit`.
+        unit: (6,), a step of each difference's strengths.
+        out: (rows + 4, columns + 4), padded by 2.
+    """
     rows, n = out.shape[0] - 4, out.shape[1] - 4
     for i in range(rank * rows // threads + 2, (rank + 1) * rows // threads + 2):
         for k in range(6):
@@ -89,7 +95,14 @@ def pull(top, end, c, x, levels, unit, out):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True)
 def pull_all(rank, threads, x, levels, unit, out):  # type: ignore[no-untyped-def]
-    """`pull` in every channel by a team (see `kernels.team`)."""
+    """out += Gᵀ t G x, every channel; by a team.
+
+    Args:
+        x: (C, rows + 4, columns + 4), a map padded by 2, in units of λ.
+        levels: (6, rows + 4, columns + 4), bytes, strengths in steps of `unit`.
+        unit: (6,), a step of each difference's strengths.
+        out: (C, rows + 4, columns + 4), padded by 2.
+    """
     rows = x.shape[1] - 4
     for c in range(x.shape[0]):
         pull(rank * rows // threads, (rank + 1) * rows // threads, c, x, levels, unit, out)
@@ -110,7 +123,14 @@ def _lift_row(k, i, slope, levels, by, out):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True)
 def lift(rank, threads, slope, levels, unit, out):  # type: ignore[no-untyped-def]
-    """out += −Gᵀ t s, all channels: what the slope adds to `pull`; by a team."""
+    """out += −Gᵀ t s, all channels: what the slope adds to `pull`; by a team.
+
+    Args:
+        slope: (C, 2, rows + 4, columns + 4), the gradient that is foretold, by row and column.
+        levels: (6, rows + 4, columns + 4), bytes, strengths in steps of `unit`.
+        unit: (6,), a step of each difference's strengths.
+        out: (C, rows + 4, columns + 4), padded by 2.
+    """
     rows, n = out.shape[1] - 4, out.shape[2] - 4
     for i in range(rank * rows // threads + 2, (rank + 1) * rows // threads + 2):
         for c in range(out.shape[0]):
@@ -135,7 +155,15 @@ def _sum_row(k, i, x, slope, levels, sums):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True)
 def sums(rank, threads, x, slope, levels, unit, out):  # type: ignore[no-untyped-def]
-    """out (rows, 2) float64 += ½ Σ t (G x − s)² and ½ Σ t (s² − (G x)²) by row, all channels; by a team."""
+    """out += ½ Σ t (G x − s)² and ½ Σ t (s² − (G x)²) by row, all channels; by a team.
+
+    Args:
+        x: (C, rows + 4, columns + 4), a map padded by 2, in units of λ.
+        slope: (C, 2, rows + 4, columns + 4), the gradient that is foretold, by row and column.
+        levels: (6, rows + 4, columns + 4), bytes, strengths in steps of `unit`.
+        unit: (6,), a step of each difference's strengths.
+        out: (rows, 2), in float64.
+    """
     part, rows = np.zeros(2), out.shape[0]
     for row in range(rank * rows // threads, (rank + 1) * rows // threads):
         for k in range(6):

@@ -27,9 +27,9 @@ def _phasors(logs, phases, a, b):  # type: ignore[no-untyped-def]
 @njit(fastmath=True)
 def _square(phases, nearest, out):  # type: ignore[no-untyped-def]
     kind = out.dtype.type
-    turn, part = kind(2 * np.pi), kind(0.5 / np.pi)
+    circle, part = kind(2 * np.pi), kind(0.5 / np.pi)
     for j in range(out.size):
-        phase = phases[j] - turn * np.floor((phases[j] - nearest) * part)
+        phase = phases[j] - circle * np.floor((phases[j] - nearest) * part)
         out[j] = phase * phase
 
 
@@ -44,7 +44,7 @@ def _light(a, b, faint, out):  # type: ignore[no-untyped-def]
 def advance(rank, size, x, most, least, nearest, faint, state, z, square, lit):  # type: ignore[no-untyped-def]
     """Move the state by x, at most by `most` (2,), l not below `least`; by a team.
 
-    z ← its phasors; square (rows + 4, columns + 4) ← φ², φ being taken from `nearest` up to a turn more;
+    z ← its phasors; square (rows + 4, columns + 4) ← φ², φ being taken from `nearest` up to a circle more;
     lit (rows + 4, columns + 4) ← |Z|² / (|Z|² + faint).
     """
     rows, n, kind = state.shape[1] - 4, state.shape[2] - 4, state.dtype.type
@@ -74,10 +74,14 @@ def informed(rank, size, z, bend, weight, strengths, out):  # type: ignore[no-un
     """out (rows, columns) ← (d³ k)^¼, the inverse variance of φ but for a constant; by a team.
 
     Data of density d hold a sheet of stiffness k. A membrane would vary by log(1 + 4π k / d) / (4π k) at a
-    point; with a tilt that is averaged from its surroundings the variance falls faster with d (measured).
+    point; with a tilt that is averaged from its surroundings the variance falls faster with d.
 
     Args:
-        bend: (rows + 4, columns + 4), what data say of a constant φ at |Z| = 1, over `weight`.
+        z: (2, rows + 4, columns + 4), the phasors.
+        bend: (rows + 4, columns + 4), padded by 2, what data say of a constant φ at |Z| = 1, over `weight`.
+        weight: a number.
+        strengths: (pairs, rows + 4, columns + 4), of the pairs of phases.
+        out: (rows, columns), 1 / radian².
     """
     rows, n = out.shape
     stiff = np.zeros(n, out.dtype)

@@ -1,12 +1,20 @@
-"""What samples tell of a motion's parameters; `terms` and `sums` are those of `equations`."""
+"""What samples tell of a motion's parameters; `terms` and `sums` are those of `kernels.normal_equations`."""
 
-import numba
 import numpy as np
+from numba import njit
 
 
-@numba.njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True)
 def sum_shifts(terms, used, camera, sums):  # type: ignore[no-untyped-def]
-    """Add samples to the normal equations of a displacement."""
+    """Add samples to the normal equations of a displacement.
+
+    Args:
+        terms: (10, samples), of `normal_equations._interpolate`.
+        used: how many samples there are.
+        camera: (4,), focal lengths and centre in pixels, by row and by column; of a displacement the first
+            two are 1.
+        sums: (15,), a frame's normal equations: matrix, right side, the matrix that noise alone adds.
+    """
     yy, yx, xx = terms[0, :used], terms[1, :used], terms[2, :used]
     yr, xr, weight = terms[3, :used], terms[4, :used], terms[6, :used]
     a = b = c = d = e = total = np.float32(0.0)
@@ -29,9 +37,17 @@ def sum_shifts(terms, used, camera, sums):  # type: ignore[no-untyped-def]
     sums[12] += fx * fx * total
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy")
 def differentiate(terms, used, camera, jacobian):  # type: ignore[no-untyped-def]
-    """Derivatives of row, then column, by a small turn about x, y and z, the lens left out."""
+    """Derivatives of row, then column, by a small rotation about x, y and z, the lens left out.
+
+    Args:
+        terms: (10, samples), of `normal_equations._interpolate`.
+        used: how many samples there are.
+        camera: (4,), focal lengths and centre in pixels, by row and by column; of a displacement the first
+            two are 1.
+        jacobian: (6, samples), in pixels per radian ←.
+    """
     fy, fx, cy, cx, one = camera[0], camera[1], camera[2], camera[3], np.float32(1.0)
     row, column = terms[7, :used], terms[8, :used]
     y0, y1, y2 = jacobian[0, :used], jacobian[1, :used], jacobian[2, :used]
@@ -42,9 +58,16 @@ def differentiate(terms, used, camera, jacobian):  # type: ignore[no-untyped-def
         x0[s], x1[s], x2[s] = -fx * x * y, fx * (one + x * x), -fx * y
 
 
-@numba.njit(cache=True, fastmath=True)
-def sum_turns(terms, used, jacobian, sums):  # type: ignore[no-untyped-def]
-    """Add samples, differentiated, to the normal equations of a turn."""
+@njit(cache=True, fastmath=True)
+def sum_rotations(terms, used, jacobian, sums):  # type: ignore[no-untyped-def]
+    """Add samples, differentiated, to the normal equations of a rotation.
+
+    Args:
+        terms: (10, samples), of `normal_equations._interpolate`.
+        used: how many samples there are.
+        jacobian: (6, samples), of `differentiate`.
+        sums: (15,), as in `sum_shifts`.
+    """
     yy, yx, xx = terms[0, :used], terms[1, :used], terms[2, :used]
     yr, xr, weight = terms[3, :used], terms[4, :used], terms[6, :used]
     upper = 0
