@@ -1,5 +1,7 @@
 """What can go wrong in the service, one type per cause."""
 
+import traceback
+from pathlib import Path
 from typing import ClassVar
 
 
@@ -129,3 +131,10 @@ COMMAND_ERRORS: dict[str, type[CommandError]] = {
     )
 }
 """Every kind of refusal, by its code."""
+
+
+def internal(error: Exception) -> str:
+    """One line on a fault of the program itself: what it is, and where it was raised."""
+    where = traceback.extract_tb(error.__traceback__)[-1]
+    place = f"{Path(where.filename).name}:{where.lineno}"
+    return f"internal error, {type(error).__name__}: {error} ({place})"

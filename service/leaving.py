@@ -1,5 +1,6 @@
 """Ending the process though a library that cannot be interrupted holds it up."""
 
+import logging
 import os
 import sys
 from collections.abc import Callable
@@ -37,6 +38,7 @@ def leave(status: int) -> None:
     One that comes back from compiled code while the interpreter ends would abort the process.
     """
     if _all_done or any(thread.is_alive() for thread in _held_up):
+        logging.shutdown()
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(status)

@@ -107,6 +107,7 @@ class Capture(Generic[T]):
             self._control.beat()
             clock.sleep(min(_SLICE, left * 1e-9))
             self._control.between_bursts()
+            self._grabber.restart()  # frames that pass meanwhile are not missed
 
     def _note(self, error: OperationError) -> None:
         self.counts.lost += 1

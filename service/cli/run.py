@@ -1,5 +1,6 @@
 """`lidarboost run`: the service itself."""
 
+import gc
 import logging
 import os
 import sys
@@ -149,7 +150,7 @@ def _served(
     from service.capture.configured import make_rig
     from service.cli.operator import TerminalOperator
     from service.cli.progress import progress_sink
-    from service.daemon.logs import log_to_stream
+    from service.daemon.log_stream import log_to_stream
     from service.daemon.reloading import Reloading
     from service.daemon.run import run_service
 
@@ -159,6 +160,8 @@ def _served(
 
     def started(daemon: "Daemon") -> None:
         parting.daemon = daemon
+        # A collection that walks through all that was imported takes longer than a camera's buffers last.
+        daemon.on_ready = gc.freeze
         signals.stops(daemon.stop.set)
         signals.reloads(Reloading(daemon, read).begin)
 

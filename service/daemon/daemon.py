@@ -52,6 +52,9 @@ class Daemon:
         executor: fuses; whoever made it closes it.
         once: one pass: a recording to its end, one burst of the plan, or one window of a stream. Nothing is
             dropped then: whoever is faster waits.
+
+    Attributes:
+        on_ready: called when all is made ready, before anything is captured.
     """
 
     def __init__(
@@ -78,6 +81,7 @@ class Daemon:
         self.supervision = Supervision(self.states, self._is_live)
         self.mode: Mode | None = None
         self.lookouts: list[Callable[[], None]] = []
+        self.on_ready: Callable[[], None] = lambda: None
         self.command_counts: Callable[[], CommandCounts] = CommandCounts
 
     @property
@@ -174,6 +178,7 @@ class Daemon:
                 self._announce()
                 mode.prepare()
                 self._wait_ready()
+                self.on_ready()
                 notify(READY)
                 Succession(self).work(mode)
                 self._finish()

@@ -1,18 +1,19 @@
-"""The service's log: to standard output and as events; repeated warnings are thinned out."""
+"""The service's log as events, its form as JSON, and the thinning out of repeated warnings."""
 
 import json
 import logging
-import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
-from typing import Any, Literal
+from typing import Any
 
 from service.messages.events import Event, Logged
 
-_LOGGERS = ("service", "drivers", "solver")
+LOGGERS = ("service", "drivers", "solver")
+"""Of this program."""
+
 _QUIET = 10.0
 """Seconds in which the same warning is not said again."""
 
@@ -84,31 +85,16 @@ class _Emitting(logging.Handler):
             self.handleError(record)
 
 
-def log_to_stream(level: int, style: Literal["text", "json"] = "text") -> None:
-    """Log this service's records of at least `level` to standard output, time first (to the error stream
-    where only warnings are wanted: standard output then belongs to the result)."""
-    logging.raiseExceptions = False  # a closed pipe at the other end is no reason to fill the error stream
-    handler = logging.StreamHandler(sys.stderr if level >= logging.WARNING else sys.stdout)
-    text = logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s")
-    handler.setFormatter(text if style == "text" else JsonFormatter())
-    handler.addFilter(RepeatFilter())
-    for name in _LOGGERS:
-        logger = logging.getLogger(name)
-        logger.handlers[:] = [handler]
-        logger.setLevel(min(level, logging.INFO))
-        handler.setLevel(level)
-
-
 @contextmanager
 def logged_events(emit: Callable[[Event], None]) -> Iterator[None]:
     """Emit this service's records, from INFO on, as events while in the context."""
     handler = _Emitting(emit)
     handler.addFilter(RepeatFilter())
-    for name in _LOGGERS:
+    for name in LOGGERS:
         logging.getLogger(name).addHandler(handler)
         logging.getLogger(name).setLevel(logging.INFO)
     try:
         yield
     finally:
-        for name in _LOGGERS:
+        for name in LOGGERS:
             logging.getLogger(name).removeHandler(handler)

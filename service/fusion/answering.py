@@ -7,6 +7,7 @@ import numpy as np
 
 from drivers.calibration import Calibration, Intrinsics
 from drivers.frame import Frame
+from service.errors import internal
 from service.fusion.fuse import fuse_burst
 from service.fusion.job import Answer, BurstJob, Compiling, Failure, FrameJob, Iterating, Job, Ready, WarmUp
 from service.fusion.streams import Stream
@@ -35,7 +36,7 @@ def answering() -> Callable[[Job | WarmUp], Answer]:
         except FusionError as error:
             return Failure(str(error))
         except Exception as error:  # whatever it is, the daemon has to know and to go on
-            return Failure(f"internal error, {type(error).__name__}: {error}")
+            return Failure(internal(error))
 
     return answer
 

@@ -12,7 +12,7 @@ from drivers.names import Shown
 from drivers.recording import RecordingWriter, open_recording
 from service.capture.configured import configured_calibration
 from service.config.sections import CameraSection, FusionSection
-from service.errors import ServiceError
+from service.errors import ServiceError, internal
 from service.files import made_directory
 from service.jobs.fuse import Announce, fuse_recording
 from service.jobs.result_name import Outcome, attach_outcome, outcome_of, result_path, working_file
@@ -127,7 +127,7 @@ def attempted(task: FuseTask, announce: Announce = lambda _: None) -> FileResult
     except OSError as error:
         return failed(task, f"{error.filename or task.path}: {error.strerror or error}")
     except Exception as error:  # a fault of ours over one recording is none of the others'
-        return failed(task, f"internal error, {type(error).__name__}: {error}")
+        return failed(task, internal(error))
 
 
 def failed(task: FuseTask, why: str) -> FileResult:

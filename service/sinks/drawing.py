@@ -16,6 +16,8 @@ from solver.completion.reason import CONTRADICTED, DARK, FILLED, OUTSIDE, SATURA
 _VIEWS = ((0.4, 0.15), (-0.4, 0.15))
 """Yaw and pitch of the two viewpoints, radians: far enough round to see relief, not to hide half of it."""
 
+_SAMPLED = 176
+"""Columns that percentiles are taken of."""
 
 _UNKNOWN = {DARK: "dark", SATURATED: "saturated", CONTRADICTED: "contradicted", OUTSIDE: "outside"}
 """Names by reason."""
@@ -83,9 +85,10 @@ def _judged(result: FusedMap, truth: NDArray[np.float32] | None) -> Panel:
     if error is None:
         spread = result.deviation * 1000
         # Where hardly anything came back it is many times what it is elsewhere, and would hide all the rest.
-        limit = float(np.nanpercentile(spread, 90)) if np.isfinite(spread).any() else 1.0
+        known = _sample(spread)
+        limit = float(np.percentile(known, 90)) if known.size else 1.0
         return Panel(spread, "magma", "standard deviation, mm", 0.0, max(limit, 1e-3))
-    known = np.abs(error[np.isfinite(error)]) * 1000
+    known = np.abs(_sample(error)) * 1000
     limit = max(1.0, float(np.percentile(known, 95))) if known.size else 1.0
     return Panel(error * 1000, "red-blue", "error, fused − true distance, mm", -limit, limit)
 
@@ -106,11 +109,19 @@ def _names(reason: NDArray[np.uint8]) -> tuple[str, ...]:
 
 def _range(image: NDArray[np.floating]) -> tuple[float, float]:
     """What to show of an image: all but the outermost percent at each end, which noise would take up."""
-    known = image[np.isfinite(image)]
+    known = _sample(image)
     if not known.size:
         return 0.0, 1.0
     low, high = np.percentile(known, (1, 99))
     return float(low), float(max(high, low + 1e-3))
+
+
+def _sample(image: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Known values of an image: all, or as many as the end of a scale needs."""
+    step = max(1, image.shape[1] // _SAMPLED)
+    values = image[::step, ::step]
+    known: NDArray[np.floating] = values[np.isfinite(values)]
+    return known
 
 
 def title_of(result: FusedMap, truth: NDArray[np.float32] | None) -> str:

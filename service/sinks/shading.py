@@ -83,23 +83,27 @@ def _smoothed(normals: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray
 
 def _splat(points: NDArray[np.floating], value: NDArray[np.float32], away: float) -> NDArray[np.float32]:
     """Points in the viewer's axes about the scene's middle, `away` metres off, far ones painted first."""
+    import cv2
+
     columns, rows = _SIZE
     depth = points[:, 2] + away
     front = depth > 0.1 * away
-    points, value, depth = points[front], value[front], depth[front]
-    plane = points[:, :2] / depth[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        plane = points[:, :2].T / depth
     # The few farthest points would make the rest small.
-    low, high = np.percentile(plane[::_SAMPLED], (0.5, 99.5), axis=0)
+    low, high = np.percentile(plane[:, ::_SAMPLED][:, front[::_SAMPLED]], (0.5, 99.5), axis=1)
     scale = 0.92 * float(min(columns / (high[0] - low[0]), rows / (high[1] - low[1])))
-    cell = ((plane - (low + high) / 2) * scale + (columns / 2, rows / 2)).astype(np.int32)
-    inside = ((cell >= 0) & (cell < (columns - 1, rows - 1))).all(axis=1)
-    cell, value, depth = cell[inside], value[inside], depth[inside]
+    middle = (low + high) / 2
+    column, row = (scale * (plane[k] - middle[k]) + size / 2 for k, size in enumerate(_SIZE))
+    inside = front & (column >= 0) & (column < columns - 1) & (row >= 0) & (row < rows - 1)
+    column, row = column[inside].astype(np.int32), row[inside].astype(np.int32)
+    value, depth = value[inside], depth[inside]
     # Far ones first, so that of several the nearest stays; sixteen bits sort by radix, in no time.
     steps = (depth.max() - depth) * (65535 / max(float(np.ptp(depth)), 1e-6))
     order = np.argsort(steps.astype(np.uint16), kind="stable")
-    place = cell[order, 1] * columns + cell[order, 0]
+    nearness = np.zeros((rows, columns), np.float32)
+    nearness[row[order], column[order]] = np.arange(1, len(order) + 1)
     # Each point covers two by two pixels, so that a surface seen askew has no gaps.
-    covered = (place[:, None] + np.array([0, 1, columns, columns + 1])).ravel()
-    picture = np.full(rows * columns, np.nan, np.float32)
-    picture[covered] = np.repeat(value[order], 4)
-    return picture.reshape(rows, columns)
+    covering = cv2.dilate(nearness, np.ones((2, 2), np.uint8), anchor=(1, 1)).astype(np.int32)
+    shown: NDArray[np.float32] = np.append(np.float32(np.nan), value[order])[covering]
+    return shown

@@ -61,10 +61,10 @@ def normals_from_points(points: ArrayLike) -> NDArray[np.float32]:
         raise FusionInputError(f"points have shape {grid.shape}; expected (H, W, 3)")
     normal = np.cross(_tangent(grid, axis=0), _tangent(grid, axis=1))
     with np.errstate(invalid="ignore", divide="ignore"):
-        normal /= np.linalg.norm(normal, axis=2, keepdims=True)
-        away = np.sum(normal * grid, axis=2) > 0
-    normal[away] *= -1
-    return normal.astype(np.float32)
+        away = np.einsum("ijk,ijk->ij", normal, grid) > 0
+        length = np.sqrt(np.einsum("ijk,ijk->ij", normal, normal))
+        normal /= np.where(away, -length, length)[..., None]
+    return normal.astype(np.float32, copy=False)
 
 
 def fused_intrinsics(intrinsics: ArrayLike, upsampling: int) -> NDArray[np.float64]:
@@ -154,8 +154,8 @@ def _tangent(points: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
     gap = np.full_like(np.take(points, [0], axis=axis), np.nan)
     forward = np.concatenate([step, gap], axis=axis)
     backward = np.concatenate([gap, step], axis=axis)
-    f, b = (np.nan_to_num((t * t).sum(axis=2, keepdims=True), nan=np.inf) for t in (forward, backward))
-    return np.where(f <= b, forward, backward)
+    f, b = (np.einsum("ijk,ijk->ij", t, t) for t in (forward, backward))
+    return np.where(((f <= b) | np.isnan(b))[..., None], forward, backward)
 
 
 def _image(values: ArrayLike) -> NDArray[np.float64]:

@@ -1,6 +1,6 @@
 """What the service adds to the solver.
 
-`python tests/benchmarks/daemon_rates.py [--minutes 1] [--only stream,ros,scan,once,command,commands]`
+`python tests/benchmarks/daemon_rates.py [--minutes 1] [--only stream,ros,scan,record,once,command,commands]`
 
 Each row runs the command `lidarboost run` as a user would, with a subscriber in a process of its own:
 
@@ -10,6 +10,7 @@ Each row runs the command `lidarboost run` as a user would, with a subscriber in
   depth images of frames and of maps that reach it, by the numbers that they bear;
 - scan: bursts of 15 frames at 5 ms, recording; from the last exposure to the map decoded by the subscriber,
   what of that is not the solver's, and whether the fusion keeps up;
+- record: bursts of a camera that nothing turns, recorded, fused and drawn; frames dropped;
 - once: a long recording as fast as it goes, with and without pictures, in times real time;
 - command: `run --replay recordings/wedges.mcap --once`, whole, with picture, caches warm;
 - commands: how soon such are answered that touch no device, under full load, and with a stuck camera.
@@ -29,6 +30,8 @@ from statistics import median
 
 from commanded import answers, told
 from served import LIDARBOOST, ROOT, ROS_SUBSCRIBER, listened, rig, served
+
+from drivers.recording import open_recording
 
 WARM = 30
 """Maps until the window of a stream has been full twice: its first frames are solved from nothing."""
@@ -111,7 +114,31 @@ def scan(folder: Path, seconds: float) -> Iterator[str]:
         )
 
 
-def once(folder: Path, bursts: int = 40) -> Iterator[str]:
+def record(folder: Path, seconds: float) -> Iterator[str]:
+    """Bursts of 15 frames of a camera that nothing turns, with pictures: every frame is to be recorded."""
+    kept = folder / "kept"
+    summary, heard = served(
+        folder,
+        seconds,
+        *CAMERA,
+        "integration_time = 0.00475",
+        "[fusion]",
+        'method = "lidarboost"',
+        "[recording]",
+        "enabled = true",
+        f'directory = "{kept}"',
+        output=folder / "out",
+    )
+    recorded = sum(open_recording(path).frame_count for path in kept.glob("*.mcap"))
+    pictures = sum(1 for _ in (folder / "out").glob("*.png"))
+    yield (
+        f"record: {summary['frames']} frames, {summary['dropped_frames']} dropped by the camera (0), "
+        f"{recorded} recorded; {summary['maps']} of {summary['bursts']} bursts fused, {len(heard)} maps "
+        f"received, {pictures} pictures; lost: {summary['lost'] or 'nothing'}"
+    )
+
+
+def once(folder: Path, bursts: int = 120) -> Iterator[str]:
     """A long recording to its end."""
     recording = folder / "long.mcap"
     subprocess.run(
@@ -194,13 +221,14 @@ def main() -> None:
         "--minutes", type=float, default=1.0, help="for how long a daemon runs; 10 for the targets"
     )
     parser.add_argument(
-        "--only", default="stream,ros,scan,once,command,commands", help="rows, with commas between"
+        "--only", default="stream,ros,scan,record,once,command,commands", help="rows, with commas between"
     )
     chosen = parser.parse_args()
     rows = {
         "stream": lambda folder: stream(folder, 60 * chosen.minutes),
         "ros": lambda folder: ros(folder, 60 * chosen.minutes),
         "scan": lambda folder: scan(folder, 60 * chosen.minutes),
+        "record": lambda folder: record(folder, 60 * chosen.minutes),
         "once": once,
         "command": command,
         "commands": commands,

@@ -18,7 +18,7 @@ LIDARBOOST = (sys.executable, "-m", "lidarboost")
 SUBSCRIBER = """
 import json, sys, time
 from lidarboost import Client
-ends, seen = {}, {}
+ends, seen, solvers = {}, {}, {}
 with Client(sys.argv[1]) as rig:
     def framed(message):
         fields = message.value
@@ -28,11 +28,17 @@ with Client(sys.argv[1]) as rig:
     def mapped(message):
         message.value
         seen[message.timestamp] = time.time_ns()
+        told(message.timestamp)
     def reported(message):
         report = message.value
-        at, end = seen.get(report["timestamp"]), ends.get(report["burst"])
-        if at is not None:
-            solver = report["seconds"]["registration"] + report["seconds"]["solve"]
+        seconds = report["seconds"]["registration"] + report["seconds"]["solve"]
+        solvers[report["timestamp"]] = report["burst"], seconds
+        told(report["timestamp"])
+    def told(stamp):
+        # A map and its report overtake each other: the large one is sent in pieces.
+        if stamp in seen and stamp in solvers:
+            at, (burst, solver) = seen.pop(stamp), solvers.pop(stamp)
+            end = ends.get(burst)
             print(json.dumps([at / 1e9, None if end is None else (at - end) / 1e9, solver]), flush=True)
     rig.subscribe("camera/frame", framed)
     rig.subscribe("fused/depth", mapped)
@@ -88,19 +94,29 @@ def rig(folder: Path, *lines: str) -> Iterator[tuple[str, Path]]:
     yield endpoint, config
 
 
-def served(folder: Path, seconds: float, *lines: str) -> tuple[dict[str, Any], list[Heard]]:
-    """Run a daemon for so long after its first map; its summary, and what a subscriber saw."""
+def served(
+    folder: Path, seconds: float, *lines: str, output: Path | None = None
+) -> tuple[dict[str, Any], list[Heard]]:
+    """Run a daemon for so long after its first map; its summary, and what a subscriber saw.
+
+    Args:
+        folder: for its configuration.
+        seconds: how long.
+        lines: of its configuration.
+        output: of its pictures and `fused.mcap`; None = neither.
+    """
     began = time.time()
-    summary, rows = listened(folder, seconds, SUBSCRIBER, *lines)
+    summary, rows = listened(folder, seconds, SUBSCRIBER, *lines, output=output)
     return summary, [Heard(at - began, late, solver) for at, late, solver in rows]
 
 
 def listened(
-    folder: Path, seconds: float, subscriber: str, *lines: str
+    folder: Path, seconds: float, subscriber: str, *lines: str, output: Path | None = None
 ) -> tuple[dict[str, Any], list[list[Any]]]:
     """The same with a subscriber's code, which prints a row of JSON for every map."""
     with rig(folder, *lines) as (endpoint, config):
         command = [*LIDARBOOST, "run", str(config), "--json"]
+        command += [] if output is None else ["--output", str(output)]
         subscribe = [sys.executable, "-c", subscriber, endpoint]
         lines_heard = folder / "heard.jsonl"
         with (

@@ -18,6 +18,7 @@ from drivers import (
     RecordingError,
 )
 from drivers.clock import VirtualClock
+from drivers.simulated import SimulatedCamera
 from service.capture.carried import CarriedBursts
 from service.capture.control import Control
 from service.capture.grabber import Grabber
@@ -122,6 +123,19 @@ def test_a_stage_that_was_moved_meanwhile_is_sent_back() -> None:
     scene.stage._move_to(0.1, 0.0)
     scene.take(1)
     assert len(scene.stage.moves) == 3
+
+
+def test_frames_that_pass_in_a_pause_between_bursts_are_nobodys_loss() -> None:
+    clock = VirtualClock(1_000_000_000)
+    rig = Rig(SimulatedCamera(clock=clock), ScriptedStage(clock), clock)
+    rig.open()
+    plan = make_plan(PlanSection(), 3, rig.calibration.intrinsics)
+    plan.offsets[:] = 0
+    grabber = Grabber(rig, 2.0, Control(Event()))
+    bursts = Capture(grabber, ScanBursts(grabber, plan, SETTLE, 10.0), pause=lambda: 2.0).run()
+    first, second = next(bursts), next(bursts)
+    assert second.frames[0].sequence - first.frames[-1].sequence > 5, "frames must have passed"
+    assert grabber.counts.dropped == 0
 
 
 def test_an_unknown_integration_time_is_taken_as_the_longest() -> None:

@@ -24,7 +24,7 @@ from service.fusion.answering import answering
 from service.fusion.backlog import Backlog
 from service.fusion.deadline import Deadline
 from service.fusion.executor import Executor
-from service.fusion.job import BurstJob, FrameJob, Job, WarmUp
+from service.fusion.job import BurstJob, Failure, FrameJob, Job, WarmUp
 from service.fusion.local import LocalExecutor
 from service.messages.burst import Burst
 from service.messages.map import FusedMap
@@ -311,3 +311,16 @@ def test_an_answer_that_is_none_is_an_error_and_no_endless_wait(monkeypatch: pyt
                 future.result(60)
     finally:
         executor.close()
+
+
+def test_a_fault_inside_a_method_says_where(monkeypatch: pytest.MonkeyPatch) -> None:
+    def faulty(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("no frames a second")
+
+    monkeypatch.setattr("service.fusion.answering.fuse_burst", faulty)
+    answer = answering()(job(0))
+    assert isinstance(answer, Failure)
+    line = faulty.__code__.co_firstlineno + 1
+    assert answer.reason == (
+        f"internal error, ZeroDivisionError: no frames a second (test_executor.py:{line})"
+    )
