@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 from pydantic import BaseModel, ConfigDict
 
 from drivers.clock import Clock, SystemClock
-from drivers.errors import StateError
+from drivers.errors import DriverError, NotAvailableError, StateError
 
 
 class BackendOptions(BaseModel):
@@ -42,9 +42,19 @@ class Device(ABC):
             NotAvailableError: the device, its port or its library is not there.
             InitialisationError: it is there, but does not answer as it should.
         """
-        if not self._is_open:
+        if self._is_open:
+            return
+        try:
             self._open()
-            self._is_open = True
+        except DriverError:  # some are of the system's kinds, too
+            raise
+        except OSError as error:
+            named = "" if error.filename is None else f"{error.filename}: "
+            raise NotAvailableError(
+                f"{type(self).__name__} cannot be opened: {named}{error.strerror or error}; check that the "
+                "device or file is there, that nothing else uses it and that you may use it"
+            ) from error
+        self._is_open = True
 
     def close(self) -> None:
         """Release the device; safe for one that is already closed, or gone."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from drivers.errors import DeviceLostError, EndOfRecordingError, OperationError
 from drivers.frame import Frame
 from drivers.position import Position
+from service.capture.agreement import require_agreement
 from service.capture.grabber import Grabber
 from service.messages.burst import Burst
 from service.planning.plan import Plan
@@ -58,6 +59,9 @@ class ScanBursts:
         begun, self._begun = self._begun, ()
         frames = [self._grabber.keep(frame) for frame in begun]
         frames += [self.frame(number, pose) for pose in range(len(frames), len(self._plan))]
+        stage = self._rig.stage
+        reported = [Position(frame.pan, frame.tilt) for frame in frames]
+        require_agreement(str(stage), self._plan.poses, reported, stage.resolution)
         self._grabber.counts.bursts += 1
         exposed = self._rig.exposed(frames[-1])
         return Burst(number, tuple(frames), self._rig.calibration, len(self._plan), exposed)

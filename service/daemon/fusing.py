@@ -51,7 +51,8 @@ class Fusing:
 
     def finish(self, timeout: float | None) -> None:
         """Do what is left, or what can be done of it within `timeout` seconds."""
-        if not self.backlog.drain(timeout) and (left := self.backlog.clear()):
+        if not self.backlog.drain(timeout) and (left := self.backlog.unfinished):
+            self.backlog.clear()
             _log.info("%d not fused: the service was stopped", left)
 
     def close(self) -> None:

@@ -115,6 +115,7 @@ class Backlog:
         try:
             result = future.result()
         except CancelledError:
+            self.cancelled += not future.cancelled()  # it was at work when the executor was closed
             done(UnavailableError("it was given up before its map was fused"))
         except Exception as error:
             self.failed += 1

@@ -174,7 +174,7 @@ class ClusterExecutor:
         before.wait()
         try:
             if isinstance(found, Exception):
-                queued.future.set_exception(found)
+                self._jobs.fail(queued, found)
             else:
                 queued.future.set_result(found)
         finally:

@@ -13,7 +13,8 @@ class Executor(Protocol):
     """Takes jobs at any time and works them off; may be one process here or many elsewhere.
 
     A job's future raises `FusionError` where the frames cannot be fused, and `WorkerError` where whoever
-    fuses them failed over it more often than a restart can mend. One that has not begun can be cancelled.
+    fuses them failed over it more often than a restart can mend. One that has not begun can be cancelled;
+    what is at work when it closes is so too.
     Whoever can tell how far the solver is calls `iterating` now and then.
     """
 

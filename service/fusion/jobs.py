@@ -2,11 +2,12 @@
 
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass, field
 from threading import Condition
 from typing import Generic, TypeVar
 
+from service.errors import WorkerError
 from service.fusion.job import Iterating, Job
 from service.messages.map import FusedMap
 
@@ -68,6 +69,11 @@ class JobQueue(Generic[J]):
         with self.changed:
             self.closed = True
             self.changed.notify_all()
+
+    def fail(self, queued: Queued[J], error: Exception) -> None:
+        """Say why a job could not be done; one whose worker was ended by closing was given up as well."""
+        given_up = self.closed and isinstance(error, WorkerError)
+        queued.future.set_exception(CancelledError() if given_up else error)
 
     def cancel(self) -> None:
         """Cancel what still waits."""

@@ -117,7 +117,7 @@ class LocalExecutor:
             try:
                 queued.future.set_result(self._done(queued.job, queued.iterating, fatal))
             except Exception as error:
-                queued.future.set_exception(error)
+                self._jobs.fail(queued, error)
         self._worker.kill()
 
     def _done(self, job: Job, iterating: Listener, fatal: Exception | None) -> FusedMap:

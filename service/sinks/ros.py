@@ -4,9 +4,6 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from drivers.calibration import Calibration
 from service.config.served import Ros2Section
 from service.errors import ConfigurationError
@@ -21,8 +18,8 @@ from service.messages.events import (
 )
 from service.messages.ros.cloud import point_cloud
 from service.messages.ros.diagnostics import diagnostics
-from service.messages.ros.images import camera_info, image
-from service.messages.ros.rectification import Rectification
+from service.messages.ros.images import CameraInfos, image
+from service.messages.ros.optics import Optics
 from service.messages.ros.topics import (
     AMPLITUDE_IMAGE,
     AMPLITUDE_INFO,
@@ -47,7 +44,6 @@ from service.messages.ros.types import RosMessage, RosTypes
 from service.sinks.sink import Room, Sink
 from service.wire.ros.node import RosNode
 from service.wire.ros.session import open_ros_session
-from solver.geometry.points import depth_from_distance
 
 NODE = "lidarboost"
 
@@ -69,9 +65,9 @@ class RosSink(Sink):
         self._section, self._service_file = section, service_file
         self._types = RosTypes(section.distribution)
         self._resources = ExitStack()
-        self._calibration: Calibration | None = None
-        self._rays: NDArray[np.float32] | None = None
-        self._rectification: Rectification | None = None
+        self._info = CameraInfos(self._types)
+        self._of_frames: Optics | None = None
+        self._of_maps: Optics | None = None
 
     def open(self) -> None:
         section = self._section
@@ -103,53 +99,43 @@ class RosSink(Sink):
                 yield diagnostics(self._types, event.status, NODE)
 
     def _learn(self, calibration: Calibration) -> None:
-        if calibration != self._calibration:
-            self._calibration, self._rays = calibration, None
+        if self._of_frames is None or self._of_frames.calibration != calibration:
+            self._of_frames = Optics(calibration)
 
     def _of_frame(self, event: FrameCaptured) -> Iterator[RosMessage]:
-        frame, calibration = event.frame, self._calibration
+        frame, optics = event.frame, self._of_frames
         yield camera_transform(self._types, frame.pan, frame.tilt, event.mount, frame.timestamp)
-        if calibration is None or calibration.shape != frame.shape:
+        if optics is None or optics.calibration.shape != frame.shape:
             return  # of another camera of a merged recording; the end of its burst tells
         at = frame.timestamp, OPTICAL
         if self._node.is_heard(DEPTH_IMAGE):
-            distance = calibration.correct(frame.distance, frame.ambiguity_range)
-            yield image(self._types, DEPTH_IMAGE, distance * self._depth_of_distance(calibration), *at)
-        yield camera_info(self._types, DEPTH_INFO, calibration, *at)
+            distance = optics.calibration.correct(frame.distance, frame.ambiguity_range)
+            yield image(self._types, DEPTH_IMAGE, distance * optics.depth_of_distance, *at)
+        yield self._info(DEPTH_INFO, optics.calibration, *at)
         if frame.amplitude is None:
             return
         if self._node.is_heard(AMPLITUDE_IMAGE):
             yield image(self._types, AMPLITUDE_IMAGE, frame.amplitude, *at)
-        yield camera_info(self._types, AMPLITUDE_INFO, calibration, *at)
+        yield self._info(AMPLITUDE_INFO, optics.calibration, *at)
 
     def _of_map(self, event: MapFused) -> Iterator[RosMessage]:
         result, types = event.map, self._types
         frame, calibration = result.frame, fused_calibration(result)
-        if self._rectification is None or self._rectification.calibration != calibration:
-            self._rectification = Rectification(calibration)
-        rectify = self._rectification
-        lens = calibration.distortion or None
-        deviation = depth_from_distance(result.deviation, result.intrinsics, lens)
-        straight = calibration.model_copy(update={"distortion": ()})
+        if self._of_maps is None or self._of_maps.calibration != calibration:
+            self._of_maps = Optics(calibration)
+        optics = self._of_maps
         at = frame.timestamp, FUSED
         yield fused_transform(types, frame.pan, frame.tilt, result.calibration.mount, frame.timestamp)
-        yield camera_info(types, FUSED_DEPTH_INFO, straight, *at)
-        yield image(types, FUSED_DEPTH_IMAGE, rectify(result.depth), *at)
-        yield camera_info(types, FUSED_DEVIATION_INFO, straight, *at)
-        yield image(types, FUSED_DEVIATION_IMAGE, rectify(deviation), *at)
+        yield self._info(FUSED_DEPTH_INFO, optics.straight, *at)
+        yield image(types, FUSED_DEPTH_IMAGE, optics.rectify(result.depth), *at)
+        yield self._info(FUSED_DEVIATION_INFO, optics.straight, *at)
+        deviation = result.deviation * optics.depth_of_distance
+        yield image(types, FUSED_DEVIATION_IMAGE, optics.rectify(deviation), *at)
         if result.amplitude is not None:
-            yield camera_info(types, FUSED_AMPLITUDE_INFO, straight, *at)
-            yield image(types, FUSED_AMPLITUDE_IMAGE, rectify(result.amplitude), *at)
+            yield self._info(FUSED_AMPLITUDE_INFO, optics.straight, *at)
+            yield image(types, FUSED_AMPLITUDE_IMAGE, optics.rectify(result.amplitude), *at)
         if self._node.is_heard(FUSED_CLOUD):
             yield point_cloud(types, result)
-
-    def _depth_of_distance(self, calibration: Calibration) -> NDArray[np.float32]:
-        """(H, W) depth of a distance of 1."""
-        if self._rays is None:
-            ones = np.ones(calibration.shape, dtype=np.float32)
-            lens = calibration.distortion or None
-            self._rays = depth_from_distance(ones, calibration.intrinsics.matrix, lens)
-        return self._rays
 
 
 def ros_sink(section: Ros2Section, service_file: Path | None) -> Callable[[], RosSink]:

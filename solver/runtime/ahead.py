@@ -173,7 +173,10 @@ def serve(requests: TextIO, answers: TextIO) -> None:
     kernels = {kernel.name: kernel for kernel in table()}
     for line in requests:
         kernels[line.strip()].compile()
-        print(line.strip(), file=answers, flush=True)
+        try:
+            print(line.strip(), file=answers, flush=True)
+        except BrokenPipeError:  # whoever asked has ended meanwhile
+            os._exit(0)
 
 
 def written(arguments: Iterable[Any]) -> str:

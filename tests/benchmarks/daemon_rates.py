@@ -1,11 +1,13 @@
 """What the service adds to the solver.
 
-`python tests/benchmarks/daemon_rates.py [--minutes 1] [--only stream,scan,record,once,command,commands]`
+`python tests/benchmarks/daemon_rates.py [--minutes 1] [--only stream,ros,scan,record,once,command,commands]`
 
 Each row runs the command `lidarboost run` as a user would, with a subscriber in a process of its own:
 
 - stream: a simulated camera at 4.75 ms (50 frames/s), recording raw frames; frames lost, maps per second once
   the window has been full twice, and how long the first map and that took;
+- ros: the same stream, not recorded, with the sink of ROS 2; a client of ROS 2 that is not ours counts the
+  depth images of frames and of maps that reach it, by the numbers that they bear;
 - scan: bursts of 15 frames at 5 ms, recording; from the last exposure to the map decoded by the subscriber,
   what of that is not the solver's, and whether the fusion keeps up;
 - record: bursts of a camera that nothing turns, recorded, fused and drawn; frames dropped;
@@ -27,7 +29,7 @@ from pathlib import Path
 from statistics import median
 
 from commanded import answers, told
-from served import LIDARBOOST, ROOT, rig, served
+from served import LIDARBOOST, ROOT, ROS_SUBSCRIBER, listened, rig, served
 
 from drivers.recording import open_recording
 
@@ -38,16 +40,21 @@ WARM = 30
 CAMERA = ("[camera]", 'backend = "simulated"', "[camera.settings]")
 
 
+STREAM = (
+    'start = "stream"',
+    *CAMERA,
+    "integration_time = 0.00475",
+    "[fusion]",
+    'method = "lidarboost"',
+)
+
+
 def stream(folder: Path, seconds: float) -> Iterator[str]:
     """A map for every frame, as fast as it goes."""
     summary, heard = served(
         folder,
         seconds,
-        'start = "stream"',
-        *CAMERA,
-        "integration_time = 0.00475",
-        "[fusion]",
-        'method = "lidarboost"',
+        *STREAM,
         "[recording]",
         "enabled = true",
         "maps = false",
@@ -62,6 +69,19 @@ def stream(folder: Path, seconds: float) -> Iterator[str]:
         f"first map after {heard[0].at:.1f} s, "
         f"{WARM} maps after {heard[min(WARM, len(heard)) - 1].at:.1f} s; "
         f"lost: {summary['lost'] or 'nothing'}"
+    )
+
+
+def ros(folder: Path, seconds: float) -> Iterator[str]:
+    """A stream that nodes of ROS 2 hear."""
+    summary, heard = listened(folder, seconds, ROS_SUBSCRIBER, *STREAM, "[ros2]", "enabled = true")
+    warm = heard[WARM:]
+    rate = (len(warm) - 1) / (warm[-1][0] - warm[0][0])
+    (frames, frames_sent), (maps, maps_sent), size = heard[-1][1:]
+    yield (
+        f"stream with ROS 2: {summary['frames']} frames, {summary['dropped_frames']} lost before the fusion "
+        f"(0); {rate:.1f} maps/s (20) of {size} bytes received; arrived {frames} of {frames_sent} depth "
+        f"images of frames, {maps} of {maps_sent} of maps; lost: {summary['lost'] or 'nothing'}"
     )
 
 
@@ -201,11 +221,12 @@ def main() -> None:
         "--minutes", type=float, default=1.0, help="for how long a daemon runs; 10 for the targets"
     )
     parser.add_argument(
-        "--only", default="stream,scan,record,once,command,commands", help="rows, with commas between"
+        "--only", default="stream,ros,scan,record,once,command,commands", help="rows, with commas between"
     )
     chosen = parser.parse_args()
     rows = {
         "stream": lambda folder: stream(folder, 60 * chosen.minutes),
+        "ros": lambda folder: ros(folder, 60 * chosen.minutes),
         "scan": lambda folder: scan(folder, 60 * chosen.minutes),
         "record": lambda folder: record(folder, 60 * chosen.minutes),
         "once": once,

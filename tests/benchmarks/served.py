@@ -47,6 +47,31 @@ with Client(sys.argv[1]) as rig:
 """
 
 
+ROS_SUBSCRIBER = """
+import json, os, struct, sys, time
+sys.path.insert(0, "tests/service")
+import pyzeros
+from pyzeros.sub import RawSub
+from ros_listener import stand_in
+from ros_rig import client
+numbers = {"camera/depth/image_raw": [], "fused/depth/image_rect": []}
+def heard(name):
+    def count(sample):
+        numbers[name].append(struct.unpack_from("<q", sample.attachment.to_bytes())[0])
+        if name.startswith("fused"):
+            counts = [[len(of), of[-1] - of[0] + 1] if of else [0, 0] for of in numbers.values()]
+            print(json.dumps([time.time(), *counts, len(sample.payload)]), flush=True)
+    return count
+session = client(sys.argv[1])
+node = pyzeros.Node("independent", session=session, domain_id=0)
+kind = stand_in("sensor_msgs/msg/Image")
+kept = [RawSub(kind, "/lidarboost/" + name, heard(name), session=node) for name in numbers]
+sys.stdin.read()
+os._exit(0)
+"""
+"""A client of ROS 2 that is not ours: how many images of frames and of maps came, and how many were sent."""
+
+
 @dataclass(frozen=True, slots=True)
 class Heard:
     """A map that the subscriber decoded: seconds since the command was begun, since the end of the last
@@ -80,18 +105,26 @@ def served(
         lines: of its configuration.
         output: of its pictures and `fused.mcap`; None = neither.
     """
+    began = time.time()
+    summary, rows = listened(folder, seconds, SUBSCRIBER, *lines, output=output)
+    return summary, [Heard(at - began, late, solver) for at, late, solver in rows]
+
+
+def listened(
+    folder: Path, seconds: float, subscriber: str, *lines: str, output: Path | None = None
+) -> tuple[dict[str, Any], list[list[Any]]]:
+    """The same with a subscriber's code, which prints a row of JSON for every map."""
     with rig(folder, *lines) as (endpoint, config):
         command = [*LIDARBOOST, "run", str(config), "--json"]
         command += [] if output is None else ["--output", str(output)]
-        subscribe = [sys.executable, "-c", SUBSCRIBER, endpoint]
-        began = time.time()
+        subscribe = [sys.executable, "-c", subscriber, endpoint]
         lines_heard = folder / "heard.jsonl"
         with (
             lines_heard.open("w") as written,
             subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as service,
             subprocess.Popen(
                 subscribe, cwd=ROOT, stdin=subprocess.PIPE, stdout=written, text=True
-            ) as subscriber,
+            ) as listener,
         ):
             while not lines_heard.stat().st_size:
                 assert service.poll() is None, "the service ended before its first map"
@@ -99,6 +132,5 @@ def served(
             time.sleep(seconds)
             service.send_signal(signal.SIGTERM)
             said, _ = service.communicate(timeout=60)
-            subscriber.communicate("")
-    rows = [json.loads(line) for line in lines_heard.read_text().splitlines()]
-    return json.loads(said), [Heard(at - began, late, solver) for at, late, solver in rows]
+            listener.communicate("")
+    return json.loads(said), [json.loads(line) for line in lines_heard.read_text().splitlines()]

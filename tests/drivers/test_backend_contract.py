@@ -384,3 +384,19 @@ def test_a_stage_can_be_opened_again(stage):
             stage.home()
         assert not stage.is_open
         stage.close()
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"), [(kind, name) for kind in ("camera", "stage") for name in backend_names(kind)]
+)
+def test_an_error_of_the_system_on_opening_says_where_and_what_to_do(kind, name, monkeypatch):
+    make = {"camera": camera_class, "stage": stage_class}[kind](name)
+    device = make(make.Options.model_construct())
+
+    def refused() -> None:
+        raise PermissionError(13, "Permission denied", "/dev/ttyUSB7")
+
+    monkeypatch.setattr(device, "_open", refused)
+    with pytest.raises(NotAvailableError, match="cannot be opened: /dev/ttyUSB7: Permission denied; check"):
+        device.open()
+    assert not device.is_open

@@ -14,6 +14,7 @@ from drivers import (
     LimitError,
     NotAvailableError,
     OperationError,
+    Position,
     RecordingError,
 )
 from drivers.clock import VirtualClock
@@ -32,13 +33,28 @@ from service.planning.plan import make_plan
 SETTLE = 0.05
 
 
+class FrozenStage(ScriptedStage):
+    """Says that it arrives, and reports 0° for ever."""
+
+    def _position(self) -> Position:
+        return Position(0.0, 0.0)
+
+
 class Scene:
     """A rig of scripted devices, and what the capture showed."""
 
-    def __init__(self, camera_faults=None, stage_faults=None, carried=None, frames=5, settings=None) -> None:
+    def __init__(
+        self,
+        camera_faults=None,
+        stage_faults=None,
+        carried=None,
+        frames=5,
+        settings=None,
+        kind=ScriptedStage,
+    ) -> None:
         self.clock = VirtualClock(1_000_000_000)
         self.camera = ScriptedCamera(self.clock, camera_faults, carried)
-        self.stage = ScriptedStage(self.clock, stage_faults)
+        self.stage = kind(self.clock, stage_faults)
         self.rig = Rig(self.camera, self.stage, self.clock, settings)
         self.rig.open()
         self.stop = Event()
@@ -356,3 +372,10 @@ def test_a_long_movement_and_a_long_recorded_pause_are_signs_of_life() -> None:
     )
     silent.take(1)
     assert silent.rig.beats >= 20
+
+
+def test_a_stage_that_always_reports_0_is_told_within_one_burst() -> None:
+    scene = Scene(kind=FrozenStage)
+    with pytest.raises(MotionError, match=r"was sent to pan -0\.\d+° to 0\.\d+° .* but reports 0\.000° to 0"):
+        scene.take(1)
+    assert len(scene.shown) == 5

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from drivers.calibration import Calibration
 from service.messages.ros.topics import CAMERA_INFO, IMAGE
-from service.messages.ros.types import RosMessage, RosTypes
+from service.messages.ros.types import RosMessage, RosTypes, stamped
 
 ENCODINGS = {"float32": "32FC1", "uint16": "mono16"}
 """By type of the array; REP 118: 32FC1 depth is in metres, NaN = unknown."""
@@ -34,6 +34,22 @@ def image(types: RosTypes, topic: str, array: NDArray[Any], timestamp: int, fram
         data=pixels.view(np.uint8).ravel(),
     )
     return RosMessage(topic, types.cdr(IMAGE, message))
+
+
+class CameraInfos:
+    """Optics beside images: what a calibration says is encoded once, and only the stamp is new each time."""
+
+    def __init__(self, types: RosTypes) -> None:
+        self._types = types
+        self._encoded: dict[str, tuple[Calibration, bytearray]] = {}
+
+    def __call__(self, topic: str, calibration: Calibration, timestamp: int, frame_id: str) -> RosMessage:
+        """As `camera_info`; a topic has one frame of reference."""
+        known, payload = self._encoded.get(topic, (None, bytearray()))
+        if known != calibration:
+            payload = camera_info(self._types, topic, calibration, timestamp, frame_id).payload
+            self._encoded[topic] = calibration, payload
+        return RosMessage(topic, stamped(payload, timestamp))
 
 
 def camera_info(

@@ -16,24 +16,31 @@ class Rectification:
     """
 
     def __init__(self, calibration: Calibration) -> None:
-        self.calibration = calibration
-        self._source = _sources(calibration) if any(calibration.distortion) else None
+        self._sources = _sources(calibration) if any(calibration.distortion) else None
 
-    def __call__(self, image: NDArray[Any]) -> NDArray[Any]:
+    def __call__(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
         """(H, W) float32, NaN where the lens does not see; the image itself without distortion."""
-        if self._source is None:
+        import cv2
+
+        if self._sources is None:
             return image
-        inside, place = self._source
-        return np.where(inside, image.ravel()[place], np.float32(np.nan)).astype(image.dtype, copy=False)
+        found: Any = cv2.remap(
+            image,
+            self._sources,
+            np.empty(0, np.int16),  # fractions of pixels, which the nearest sample has none of
+            cv2.INTER_NEAREST,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=(np.nan,) * 4,
+        )
+        return np.asarray(found)
 
 
-def _sources(calibration: Calibration) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
-    """Whether each rectified pixel is seen, and where in the distorted image (OpenCV's lens model)."""
+def _sources(calibration: Calibration) -> NDArray[np.int16]:
+    """(H, W, 2) column and row of each rectified pixel in the distorted image (OpenCV's lens model)."""
     import cv2
 
     K, lens = calibration.intrinsics.matrix, np.array(calibration.distortion)
     height, width = calibration.shape
     columns, rows = cv2.initUndistortRectifyMap(K, lens, np.eye(3), K, (width, height), cv2.CV_32FC1)
-    column, row = np.rint(columns).astype(np.intp), np.rint(rows).astype(np.intp)
-    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    return inside, np.where(inside, row * width + column, 0)
+    limit = np.iinfo(np.int16)
+    return np.rint(np.dstack([columns, rows])).clip(limit.min, limit.max).astype(np.int16)

@@ -1,5 +1,6 @@
 """Message types of a ROS 2 distribution, by the library `rosbags`."""
 
+import struct
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -12,6 +13,9 @@ Distribution = Literal["humble", "iron", "jazzy", "kilted", "lyrical"]
 UNHASHED = "TypeHashNotSupported"
 """What Humble, which knows no hashes, has in their place."""
 
+_HEADER = 4
+"""Bytes of CDR before a message."""
+
 LAST_STAMP = 2**31
 """Seconds; builtin_interfaces/Time counts in 32 bits with a sign."""
 
@@ -21,7 +25,7 @@ class RosMessage:
     """One message: its topic (see `ROS_TOPICS`), and its bytes as CDR with their four-byte header."""
 
     topic: str
-    payload: memoryview
+    payload: bytearray
 
 
 class RosTypes:
@@ -44,10 +48,10 @@ class RosTypes:
         """A message of a type such as `sensor_msgs/msg/Image`; every field must be given."""
         return self._store.types[kind](**fields)
 
-    def cdr(self, kind: str, message: Any) -> memoryview:
-        """Its bytes."""
-        payload: memoryview = self._store.serialize_cdr(message, kind)
-        return payload
+    def cdr(self, kind: str, message: Any) -> bytearray:
+        """Its bytes, in the order of this machine."""
+        whole: Any = self._store.serialize_cdr(message, kind).obj
+        return whole if isinstance(whole, bytearray) else bytearray(whole)
 
     def hash(self, kind: str) -> str:
         """What stands for the type's definition in a key: `RIHS01_…`."""
@@ -60,5 +64,17 @@ class RosTypes:
 
     def time(self, timestamp: int) -> Any:
         """A builtin_interfaces/Time of ns since the epoch."""
-        seconds, rest = divmod(timestamp, 10**9)
-        return self.make("builtin_interfaces/msg/Time", sec=min(seconds, LAST_STAMP - 1), nanosec=rest)
+        seconds, rest = _stamp(timestamp)
+        return self.make("builtin_interfaces/msg/Time", sec=seconds, nanosec=rest)
+
+
+def stamped(payload: bytearray, timestamp: int) -> bytearray:
+    """The same message, which begins with a std_msgs/Header, at another time (ns since the epoch)."""
+    found = bytearray(payload)
+    struct.pack_into("=iI", found, _HEADER, *_stamp(timestamp))
+    return found
+
+
+def _stamp(timestamp: int) -> tuple[int, int]:
+    seconds, rest = divmod(timestamp, 10**9)
+    return min(seconds, LAST_STAMP - 1), rest

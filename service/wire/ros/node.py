@@ -60,7 +60,7 @@ class RosNode:
             publisher = self._publishers[message.topic]
             number = self._sent[message.topic] = self._sent.get(message.topic, 0) + 1
             publisher.declared.put(
-                bytes(message.payload),
+                message.payload,
                 encoding=_CDR,
                 attachment=attachment(number, time.time_ns(), publisher.gid),
             )
