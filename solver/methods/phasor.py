@@ -51,7 +51,7 @@ those of the maps that follow."""
 _FOLLOWED, _CHANGED = (Step(1.0, 2),), SCHEDULE[4::2]
 """After an exchange of one frame, and of more, where the scene has changed; from the map before."""
 
-_TOLD = 100.0
+_TOLD = 200.0
 """Bluntness under which a map tells samples that it does not explain."""
 
 _DISPUTED = 3e-4
