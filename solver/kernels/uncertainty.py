@@ -1,4 +1,4 @@
-"""The deviation map: how steep the fused map is, and one deviation per pixel from that and the samples."""
+"""The deviation map: how steep or bent a map is, and one deviation per pixel from that and the samples."""
 
 import numpy as np
 from numba import njit
@@ -20,6 +20,25 @@ def _steepness(x, i, out):  # type: ignore[no-untyped-def]
         square, share = out[first:last], x.dtype.type(1 / (down * down + right * right))
         for j in range(last - first):
             square[j] += share * (here[j] - there[j]) * (here[j] - there[j])
+    for j in range(columns):
+        out[j] = np.sqrt(out[j])
+
+
+@njit(fastmath=True)
+def _bend(x, i, out):  # type: ignore[no-untyped-def]
+    """out ← the root of the squared second differences along rows, columns and diagonals, 0 at borders."""
+    rows, columns = x.shape
+    out[:] = 0
+    for r, c in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        if i < r or i + r >= rows or columns < 3:
+            continue
+        side = abs(c)
+        n, share, two = columns - 2 * side, x.dtype.type(1 / (r * r + c * c)), x.dtype.type(2)
+        before, here, after = x[i - r, side - c :], x[i, side:], x[i + r, side + c :]
+        square = out[side:]
+        for j in range(n):
+            d = before[j] - two * here[j] + after[j]
+            square[j] += share * d * d
     for j in range(columns):
         out[j] = np.sqrt(out[j])
 
@@ -64,7 +83,7 @@ def _deviate(samples, steep, noise, least, shift, share, out):  # type: ignore[n
 
 
 @njit(nogil=True, cache=True)
-def combine(rank, size, x, precision, factor, noise, least, shift, out):  # type: ignore[no-untyped-def]
+def combine(rank, size, x, precision, factor, noise, least, shift, ramps, out):  # type: ignore[no-untyped-def]
     """out ← √(noise² / samples + (shift · steepness)²), each a mean over factor × factor pixels; by a team.
 
     Args:
@@ -74,6 +93,7 @@ def combine(rank, size, x, precision, factor, noise, least, shift, out):  # type
         noise: deviation of a sample.
         least: as which fewer samples count.
         shift: error of place, pixels.
+        ramps: whether ramps are no steeper than what is level, but only what bends.
         out: (rows, columns), in the map's unit.
     """
     rows, n = x.shape
@@ -86,7 +106,10 @@ def combine(rank, size, x, precision, factor, noise, least, shift, out):  # type
         for j in range(n):
             own[j] = precision[source, j]
         _window(line, factor, rings[0, row % factor])
-        _steepness(x, source, own)
+        if ramps:
+            _bend(x, source, own)
+        else:
+            _steepness(x, source, own)
         _window(line, factor, rings[1, row % factor])
         i = row - (factor - 1 - before)
         if i >= top:

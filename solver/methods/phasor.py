@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import FusionInputError
+from solver.kernels import mixing
 from solver.kernels import resolution as phasors
 from solver.optimisation.factored import MODEL, SCHEDULE, Factored, Step
 from solver.optimisation.footprint import AreaTerm
@@ -31,6 +32,16 @@ _LOST = 3.0
 """A distance is lost where what a low-resolution pixel's samples say of it deviates by over a third of a
 radian, by |Z| itself or by the mean of Z over two pixels: noise has a length, but no direction."""
 
+_EDGE, _LEVEL = 0.004, 0.15
+"""What is an edge: a step by so much of the ambiguity range from one neighbour of a cell to the other, beside
+which neither side rises by more than that part of it. A third and three times it give the same errors."""
+
+_PURE, _SURE, _ERROR, _DARK, _SEEN = 0.02, 0.15, 1.5, 10.0, 10.0
+"""A cell nearer to a side than 2 % of the step has that side's phase. It may be more of the other side's
+nevertheless where that one is ten times darker and seen by ten deviations: the cell's light tells. A share
+that errs by 1.5 deviations of a cell's light, and by 0.15 at least, is far from a half or the cell stays
+between the sides: half the doubt raises the RMS of two scenes in twelve by 2 %."""
+
 _RENEWED = SCHEDULE[:-1]
 """Of a stream that is prepared anew, which starts from the data too: edges that a map of other frames has
 found elsewhere hold out against sharp steps, for a fifth more mean absolute error. With a third fewer rounds,
@@ -40,7 +51,7 @@ those of the maps that follow."""
 _FOLLOWED, _CHANGED = (Step(1.0, 2),), SCHEDULE[4::2]
 """After an exchange of one frame, and of more, where the scene has changed; from the map before."""
 
-_TOLD = 100.0
+_TOLD = 200.0
 """Bluntness under which a map tells samples that it does not explain."""
 
 _DISPUTED = 3e-4
@@ -128,6 +139,7 @@ def _solution(problem: Problem, course: Factored, taken: int, converged: bool, f
     cut = np.float32(_radians(problem, problem.cut))
     units = np.float32(scale), np.float32(course.scale), cut, np.float32(least**2)
     team.share(phasors.resolve, distance, amplitude, seen, mean, *units)
+    distance = _settled(problem, course, distance, amplitude)
     information = cropped(course.information()[None], shape)[0] * np.float32(1 / scale**2)
     return Solution(
         distance,
@@ -140,6 +152,19 @@ def _solution(problem: Problem, course: Factored, taken: int, converged: bool, f
         information=information,
         course=course,
     )
+
+
+def _settled(
+    problem: Problem, course: Factored, distance: NDArray[np.float32], amplitude: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """The map, cells that two surfaces share being given to the one that has more area, not more light."""
+    assert problem.ambiguity_range is not None
+    turn, out = problem.ambiguity_range, np.empty_like(distance)
+    noise = course.noise * course.scale
+    law = _PURE, _SURE, _DARK, _SEEN * noise, _ERROR * noise * problem.options.upsampling**2
+    bounds = turn, problem.cut, _EDGE * turn, _LEVEL
+    team.share(mixing.settle, distance, amplitude, *bounds, law, out)
+    return out
 
 
 def _samples(problem: Problem, unit: float, frames: slice) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -36,10 +36,10 @@ Image = NDArray[np.floating]
 MODEL = 0.004
 """What the model errs by, in units of the RMS amplitude: it bounds s where there is hardly any noise."""
 
-_LOG, _LOG_STEP, _LOG_BLUNT = 0.2, 0.05, 0.5
+_LOG, _LOG_STEP, _LOG_BLUNT = 0.2, 0.035, 0.5
 """κ_l and δ_l, and the power of the bluntness that δ_l is widened by."""
 
-_PHASE, _PHASE_STEP = 0.4, 0.004
+_PHASE, _PHASE_STEP = 0.4, 0.002
 """κ_φ, and δ_φ in metres at the usual ambiguity range of 7.5 m: it is an angle."""
 
 _USUALLY = 4
@@ -54,7 +54,7 @@ _EASE = 0.7
 """e, of the logarithm: a step of the amplitude by a factor of two halves the penalty."""
 
 _USUAL = 2 * np.pi / 7.5
-_EDGE, _EDGE_BLUNT = 0.002 * _USUAL, 0.9
+_EDGE, _EDGE_BLUNT = 0.001 * _USUAL, 0.9
 """By how much φ rises more from one fused pixel to the next than the tilt before said where it is an edge and
 has no say in the tilt; times this power of the bluntness. Counted from the tilt, not from level, so that a
 steep floor has its say and the rim of a stair, smeared over some pixels, has none: with 0.02 counted from
@@ -95,12 +95,15 @@ class Step:
 
 
 def schedule(steps: int, falling: int, rounds: int) -> tuple[Step, ...]:
-    """From 150 times δ, 0.6 m, to δ in so many falling steps, and the others at δ."""
-    return tuple(Step(150 ** (1 - min(1.0, number / falling)), rounds) for number in range(steps))
+    """From 300 times δ, 0.6 m, to twice δ in so many falling steps, the others there, but the last at δ."""
+    blunt = [2 * 150 ** (1 - min(1.0, number / falling)) for number in range(steps - 1)]
+    return tuple(Step(factor, rounds) for factor in (*blunt, 1.0))
 
 
 SCHEDULE = schedule(10, 7, 14)
-"""Measured: half as many rounds again have 1 % less mean absolute error."""
+"""Measured: half as many rounds again have 1 % less mean absolute error. Without the sharper last step, away
+from edges there is 5 % more of it, and 10 % at a quarter of the noise; with two of them steps of a few
+centimetres have less, and curved walls 5 % more."""
 
 
 @dataclass(slots=True)

@@ -32,6 +32,7 @@ DENSITY = 1.83  # nodes per pixel; two is the Nyquist limit of the footprint's f
 PAIRWISE, COARSE, FINE = 4, 4, 4  # steps at most
 BENT_RELAXATION, BENT_FINE, BENT_STEP = 1.4, 6, 0.01  # where edges count for less, steps fall shorter
 ENOUGH = 0.5  # pixels
+SAME = 2.0  # pixels, from where refinement ends in the same place
 SMOOTHING = 3.0  # λ; a tenth lets noise into the mosaic and biases high noise, ten times blurs it
 SWEEPS = 2  # per Gauss–Newton step; six times as many change nothing
 
@@ -86,16 +87,18 @@ class Alignment:
         """
         found = self._searched(self.guided)
         trusted = self.guided and bool((found == self.guess).all())
+        together = None
         if self.guided and not trusted:
             equations = self._align_together()
             if not self._misfits(equations) and equations.misfit[self.active].max() < FITS:
                 return
-        if not trusted:
+            together = self._confirmed(equations, found)
+        elif not trusted:
             self._align_with_reference(found)
         sought = False
         for _ in range(5):  # rejecting a frame changes the mosaic, so the rest is refined again
-            equations = self._align_together()
-            wrong = self._misfits(equations)
+            equations = together or self._align_together()
+            together, wrong = None, self._misfits(equations)
             if not sought and not trusted:
                 sought = True
                 equations = self._sought(equations)
@@ -107,6 +110,15 @@ class Alignment:
                 self._align_with_reference(found)
             else:
                 self._reject(wrong)
+
+    def _confirmed(self, equations: Equations, found: Float) -> Equations | None:
+        """Align each with the reference; the equations if all lie where these place them, None otherwise."""
+        places, covariance, rejected = self.parameters, self.covariance, len(self.rejected)
+        self._align_with_reference(found)
+        if len(self.rejected) > rejected or self._apart(places) > SAME:
+            return None
+        self.parameters, self.covariance = places, covariance
+        return equations
 
     def _sought(self, equations: Equations) -> Equations:
         """Have frames that may lie elsewhere looked for; the equations of the places that fit better."""
@@ -207,9 +219,14 @@ class Alignment:
         start = None if coarser is None else resampled(coarser, grid, factor=0.5)
         sums = Sums(grid, points.values.shape[1])
         most, enough = (BENT_FINE, BENT_STEP) if points.bent else (FINE, STEP)
+        before = self.parameters
         for step in range(most):
-            before = self.parameters
+            earlier, before = before, self.parameters
             mosaic, equations, moved = self._joint_step(points, place, sums, start)
+            if points.bent:
+                moved = self._apart(
+                    earlier
+                )  # on the same grid; the other one's bias is longer than the last steps
             if step > 0 and moved < enough:
                 break
             place, grid = self._place(points), grid.staggered(step)
@@ -255,7 +272,11 @@ class Alignment:
             steps[self.reference] = 0
         moved = self.motion.moved(self.parameters, steps)
         before, self.parameters = self.parameters, self.motion.relative(moved, self.reference)
-        return float(np.abs((self.parameters - before) / unit)[self.active].max())
+        return self._apart(before)
+
+    def _apart(self, before: Float) -> float:
+        """The largest way from where the frames were before, pixels."""
+        return float(np.abs((self.parameters - before) / self.motion.unit())[self.active].max())
 
     def _misfits(self, equations: Equations, most: float = STANDS_OUT) -> dict[int, str]:
         others = self.active

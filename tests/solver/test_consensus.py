@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from made_bursts import Burst, burst, depth
 
 from solver import FusionOptions, SlidingFusion, fuse
 from solver.evaluation import DepthMap, errors, make_trial, procedural_object
 from solver.geometry.positions import sample_positions
 from solver.options import Method
 from solver.preparation.prepare import exchange, prepare
-from tests.solver.conftest import Burst, burst, depth
 
 RANGE = 7.5
 
