@@ -42,22 +42,22 @@ def factorise(stencil, pivots):  # type: ignore[no-untyped-def]
 
     Args:
         stencil: (3, rows, columns).
-        pivots: (rows, columns) ← the inverse of the factors' diagonal.
+        pivots: (rows, columns) ← the inverse squares of the factors' diagonal.
     """
     rows, columns = pivots.shape
     for i in range(rows):
         for j in range(columns):
             whole = left = stencil[0, i, j]
             if j > 0:
-                pivot, right = pivots[i, j - 1] * pivots[i, j - 1], stencil[1, i, j - 1]
+                pivot, right = pivots[i, j - 1], stencil[1, i, j - 1]
                 left -= right * (right + _MODIFIED * stencil[2, i, j - 1]) * pivot
             if i > 0:
-                pivot, below = pivots[i - 1, j] * pivots[i - 1, j], stencil[2, i - 1, j]
+                pivot, below = pivots[i - 1, j], stencil[2, i - 1, j]
                 left -= below * (below + _MODIFIED * stencil[1, i - 1, j]) * pivot
-            pivots[i, j] = 1 / np.sqrt(left if left > _LEAST * whole else whole)
+            pivots[i, j] = 1 / (left if left > _LEAST * whole else whole)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, fastmath={"contract"}, error_model="numpy")
 def precondition(stencil, pivots, image, out):  # type: ignore[no-untyped-def]
     """out ← (L Lᵀ)⁻¹ image, L the factors; returns ⟨image, out⟩.
 
@@ -68,26 +68,58 @@ def precondition(stencil, pivots, image, out):  # type: ignore[no-untyped-def]
         out: (rows, columns).
     """
     rows, columns = pivots.shape
+    line, next_to = np.empty(columns, image.dtype), np.zeros(columns, image.dtype)
+    # What does not wait for the pixel before is done first, for a whole row.
     for i in range(rows):
+        pivot, own, right = pivots[i], image[i], stencil[1, i]
+        above, up = stencil[2, i - 1], out[i - 1]
+        for j in range(columns):
+            line[j] = pivot[j] * own[j] if i == 0 else pivot[j] * (own[j] - above[j] * up[j])
+        for j in range(columns - 1):
+            next_to[j + 1] = pivot[j + 1] * right[j]
         before = image.dtype.type(0)
         for j in range(columns):
-            value = image[i, j]
-            if i > 0:
-                value -= stencil[2, i - 1, j] * pivots[i - 1, j] * out[i - 1, j]
-            if j > 0:
-                value -= stencil[1, i, j - 1] * pivots[i, j - 1] * before
-            before = value * pivots[i, j]
+            before = line[j] - next_to[j] * before
             out[i, j] = before
     total = 0.0
     for i in range(rows - 1, -1, -1):
-        before, dot = image.dtype.type(0), image.dtype.type(0)
+        pivot, here, right, below = pivots[i], out[i], stencil[1, i], stencil[2, i]
+        down = out[min(i + 1, rows - 1)]
+        for j in range(columns):
+            line[j] = here[j] if i + 1 == rows else here[j] - pivot[j] * below[j] * down[j]
+            next_to[j] = pivot[j] * right[j]
+        before = image.dtype.type(0)
         for j in range(columns - 1, -1, -1):
-            value = out[i, j]
-            if i + 1 < rows:
-                value -= stencil[2, i, j] * pivots[i, j] * out[i + 1, j]
-            value -= stencil[1, i, j] * pivots[i, j] * before
-            before = value * pivots[i, j]
-            out[i, j] = before
-            dot += before * image[i, j]
+            before = line[j] - next_to[j] * before
+            here[j] = before
+        dot = image.dtype.type(0)
+        for j in range(columns):
+            dot += here[j] * image[i, j]
+        total += dot
+        next_to[0] = 0
+    return total
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def advance(diagonal, image, residual, direction, product, length):  # type: ignore[no-untyped-def]
+    """Move by `length` along a direction; returns ‖residual‖² in the norm of the inverse diagonal.
+
+    Args:
+        diagonal: (rows, columns), of the stencil.
+        image: (rows, columns), in place.
+        residual: (rows, columns), in place.
+        direction: (rows, columns).
+        product: (rows, columns), stencil · direction.
+        length: a number of the image's type.
+    """
+    rows, columns = image.shape
+    total = 0.0
+    for i in range(rows):
+        dot = image.dtype.type(0)
+        for j in range(columns):
+            image[i, j] += length * direction[i, j]
+            left = residual[i, j] - length * product[i, j]
+            residual[i, j] = left
+            dot += left * left / diagonal[i, j]
         total += dot
     return total

@@ -11,6 +11,7 @@ from solver import FusionOptions, fuse
 from solver.evaluation import DepthMap, errors, make_trial, procedural_object
 from solver.geometry.positions import sample_positions
 from solver.methods import ibsr, mrf, shift_and_add
+from solver.optimisation import stencil as stencil_systems
 from solver.optimisation.sampling import sample
 from solver.optimisation.stencil import conjugate_gradients
 from solver.preparation.prepare import prepare
@@ -197,7 +198,9 @@ def test_every_classic_method_gives_back_a_constant_scene(method, factor):
     assert np.allclose(fused.distance, 4, atol=1e-4)
 
 
-def test_conjugate_gradients_agree_with_a_dense_solution():
+@pytest.mark.parametrize("creeping", [0, 3, 100])
+def test_conjugate_gradients_agree_with_a_dense_solution(monkeypatch, creeping):
+    monkeypatch.setattr(stencil_systems, "_CREEPING", creeping)
     random = np.random.default_rng(2)
     stencil = np.zeros((3, 6, 7), np.float32)
     stencil[1, :, :-1] = random.normal(size=(6, 6))
