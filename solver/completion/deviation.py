@@ -6,8 +6,7 @@ n samples of deviation σ lie within one low-resolution pixel; the prior average
 λ is, but no further than the scene's own structure. Where a method knows the variance that its likelihood and
 its ties leave, a times its root stands in the place of the first part. On slopes and edges the error is one
 of place, and b is in fused pixels; where a slope is foretold, only what bends is out of place. The constants
-are measured on simulated scenes
-(tests/solver/test_deviation.py holds them to it).
+come from simulated scenes (tests/solver/test_deviation.py holds them to it).
 """
 
 import numpy as np
@@ -23,7 +22,7 @@ _LEVEL, _SLOPED = (0.36, 0.15, 0.23), {"area": (0.18, 0.03, 0.03)}
 
 _INFORMED = (0.09, 0.5)
 """a and b where a method knows its variance, and ∇∇X in the place of ∇X: such a one lets ramps pass, and with
-∇X a floor that runs away had 94 % of the truth within a deviation."""
+∇X the deviation of a floor that runs away is far too large."""
 
 _LEAST = 0.01
 """Samples that stand for none: blurred rounding errors are no samples."""

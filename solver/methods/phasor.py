@@ -40,13 +40,12 @@ _PURE, _SURE, _ERROR, _DARK, _SEEN = 0.02, 0.15, 1.5, 10.0, 10.0
 """A cell nearer to a side than 2 % of the step has that side's phase. It may be more of the other side's
 nevertheless where that one is ten times darker and seen by ten deviations: the cell's light tells. A share
 that errs by 1.5 deviations of a cell's light, and by 0.15 at least, is far from a half or the cell stays
-between the sides: half the doubt raises the RMS of two scenes in twelve by 2 %."""
+between the sides."""
 
 _RENEWED = SCHEDULE[:-1]
 """Of a stream that is prepared anew, which starts from the data too: edges that a map of other frames has
-found elsewhere hold out against sharp steps, for a fifth more mean absolute error. With a third fewer rounds,
-in fewer steps, a growing window's maps have up to 15 % more than those of `fuse`. The last step's rounds are
-those of the maps that follow."""
+found elsewhere hold out against sharp steps. With fewer steps a growing window's maps fall behind those of
+`fuse`. The last step's rounds are those of the maps that follow."""
 
 _FOLLOWED, _CHANGED = (Step(1.0, 2),), SCHEDULE[4::2]
 """After an exchange of one frame, and of more, where the scene has changed; from the map before."""
