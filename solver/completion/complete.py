@@ -32,9 +32,9 @@ def complete(
         raise FusionInputError(
             "every pixel is darker than its noise: nothing is known of any distance; expose longer"
         )
-    spread = deviation(problem, solution, away, distance)
+    uncertain = deviation(problem, solution, away, distance)
     reason = reasons(problem, distance, away)
-    return wrapped(distance, problem.cut, problem.ambiguity_range), spread, reason
+    return wrapped(distance, problem.cut, problem.ambiguity_range), uncertain, reason
 
 
 def _check(problem: Problem, solution: Solution) -> None:

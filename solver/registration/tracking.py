@@ -34,25 +34,25 @@ class Track:
     """The mosaic of the latest frames, and where the next one looks.
 
     Positions are those of `register`: (2,) displacements or (3,) rotation vectors, relative to a frame at
-    rest, which all frames must overlap. An older frame counts less by 1/span with every frame after it, so
-    that the sums of the mosaic's normal equations are all that is kept. A part of the first span of frames
-    stays for good: each frame follows those before it with a small error, and the sum of these would drift.
+    rest, which all frames must overlap. An older frame counts less by 1 / horizon with every frame after it,
+    so that the sums of the mosaic's normal equations are all that is kept. A part of the first frames stays
+    for good: each frame follows those before it with a small error, and the sum of these would drift.
 
     Args:
-        span: how many frames the mosaic is made of.
+        horizon: how many frames the mosaic is made of.
         intrinsics, distortion, ambiguity_range: as for `register`.
     """
 
     def __init__(
         self,
-        span: int,
+        horizon: int,
         intrinsics: ArrayLike | None = None,
         distortion: ArrayLike | None = None,
         ambiguity_range: float | None = None,
     ) -> None:
         self._motion: Motion = Shift() if intrinsics is None else Rotation.of(intrinsics, distortion)
         self._range = ambiguity_range
-        self._span, self._added = span, 0
+        self._horizon, self._added = horizon, 0
         self._scaling: Scaling | None = None
         self._bases: list[Image] = []
         self._sums: FadingSums | None = None
@@ -146,7 +146,7 @@ class Track:
         place = self._motion.place(points, position)
         if self._sums is None:
             grid = Grid.over(place, points.shape, DENSITY)
-            self._sums = FadingSums(grid, points.values.shape[1], 1 - 1 / self._span)
+            self._sums = FadingSums(grid, points.values.shape[1], 1 - 1 / self._horizon)
             self._misfit = Misfit(grid.size) if points.bent else None
         else:
             borders = self._sums.grid.lacking(place, points.shape)
@@ -156,12 +156,12 @@ class Track:
             self._sums.extend(borders)
         self._sums.add(points, place)
         self._added += 1
-        if self._added == self._span:
+        if self._added == self._horizon:
             self._sums.hold(ANCHOR)
         mosaic = self._sums.advance(SMOOTHING)
         if self._misfit is not None:
             mosaic = replace(mosaic, misfit=self._misfit.image())
-            self._misfit.fade(1 - 1 / self._span)
+            self._misfit.fade(1 - 1 / self._horizon)
         self._mosaics = [mosaic] if len(levels) == 1 else [mosaic, halved(mosaic)]
         self._latest = levels[-1], position
 

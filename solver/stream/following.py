@@ -42,7 +42,7 @@ class Follower:
 
     def __init__(self, size: int, space: PoseSpace, ambiguity_range: float | None) -> None:
         self._space, self._range = space, ambiguity_range
-        self._span = size if size >= _FEW else _USUAL
+        self._horizon = size if size >= _FEW else _USUAL
         self._before: deque[_Placed] = deque(maxlen=max(size, _FEW))
         self._track: Track | None = None
 
@@ -84,7 +84,7 @@ class Follower:
         if self._track is None:
             from solver.registration import Track
 
-            track = Track(self._span, self._space.matrix, self._space.distortion, self._range)
+            track = Track(self._horizon, self._space.matrix, self._space.distortion, self._range)
             for one in self._before:
                 track.add(one.distance, one.amplitude, self._space.relative(one.pose, grid))
             self._track = track
