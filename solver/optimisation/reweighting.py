@@ -39,8 +39,8 @@ _TAPS = 3
 """To either side: 4 deviations."""
 
 _RENEWED, _BLUNTER = 8, 8.0
-"""The most iterations of the last pass where a stream is prepared anew, and the factor on the ε it starts
-from: to the end it would take several times as many, for a map that is no better."""
+"""The most iterations of the last pass where a stream is prepared anew, and the factor on the ε that a last
+pass starts from: to the end it would take several times as many, for a map that is no better."""
 
 _A_FEW, _PLAIN = 2, 4
 """The most iterations after an exchange of one frame, with weights and without: what is left, those after the
@@ -108,17 +108,17 @@ class Trail:
     def start(self, number: int, unit: Unit) -> State:
         """The end of a pass as a start without weights, in another unit.
 
-        ε goes on as it was in the first pass alone: the weights that the others are given are new, and a
-        corner as sharp as the old ones' would take longer. A last pass that has followed the
-        data is not to be run to its end, and starts from a blunter one.
+        The last pass starts blunter than it ended: with ε as sharp a map follows new data so slowly that it
+        seems to have settled. A first one that others follow goes on as it was; those with weights start
+        anew, for these are new, but for a last one that has followed the data, which is not run to its end.
         """
         state, kind = self.states[number], self.states[number].x.dtype.type
         x = state.x * kind(self.unit.scale / unit.scale)
         x += kind((self.unit.offset - unit.offset) / unit.scale)
-        epsilon = state.epsilon
-        if number:
-            epsilon *= _BLUNTER if self.followed and number + 1 == len(self.states) else 0.0
-        return replace(start_at(x), epsilon=epsilon)
+        blunter = 1.0 if number == 0 else 0.0
+        if number + 1 == len(self.states) and (number == 0 or self.followed):
+            blunter = _BLUNTER
+        return replace(start_at(x), epsilon=blunter * state.epsilon)
 
 
 def minimise_reweighted(
