@@ -223,10 +223,8 @@ class Alignment:
         for step in range(most):
             earlier, before = before, self.parameters
             mosaic, equations, moved = self._joint_step(points, place, sums, start)
-            if points.bent:
-                moved = self._apart(
-                    earlier
-                )  # on the same grid; the other one's bias is longer than the last steps
+            if points.bent:  # judged on the same grid: the other one's bias is longer than the last steps
+                moved = self._apart(earlier)
             if step > 0 and moved < enough:
                 break
             place, grid = self._place(points), grid.staggered(step)
