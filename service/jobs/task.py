@@ -109,7 +109,7 @@ def fuse_file(
             found.append(burst)
             heard(burst)
             if pictures is not None:
-                write_preview(pictures.path_of(result), result, recording.truth)
+                write_preview(pictures.path_of(result), result, recording.truth, burst.errors)
     return FileResult(
         input=str(task.path),
         output=None if target is None else str(target),

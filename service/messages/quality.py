@@ -38,13 +38,20 @@ def judge(result: FusedMap, truth: NDArray[np.float32] | None) -> Errors | None:
     factor = result.report.upsampling
     single = frame.repeat(factor, axis=0).repeat(factor, axis=1) - truth
     both = np.isfinite(error) & np.isfinite(single)
-    if not both.any():
+    pixels = np.count_nonzero(both)
+    if pixels == 0:
         return None
-    ours, theirs = error[both].astype(np.float64), single[both].astype(np.float64)
+    (rms, mean), (nearest_rms, nearest_mean) = (_means(error, both), _means(single, both))
     return Errors(
-        rms=float(np.sqrt(np.mean(ours**2))),
-        mean_absolute=float(np.mean(np.abs(ours))),
-        nearest_rms=float(np.sqrt(np.mean(theirs**2))),
-        nearest_mean_absolute=float(np.mean(np.abs(theirs))),
-        pixels=int(both.sum()),
+        rms=rms,
+        mean_absolute=mean,
+        nearest_rms=nearest_rms,
+        nearest_mean_absolute=nearest_mean,
+        pixels=pixels,
     )
+
+
+def _means(error: NDArray[np.float32], known: NDArray[np.bool_]) -> tuple[float, float]:
+    """Root mean square, and mean absolute, of what is known."""
+    size = np.abs(error if known.all() else error[known])
+    return float(np.sqrt(np.mean(np.square(size), dtype=np.float64))), float(np.mean(size, dtype=np.float64))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from drivers.frame import Frame
 from service.files import whole_file
 from service.messages.map import FusedMap
-from service.messages.quality import error_map, judge
+from service.messages.quality import Errors, error_map
 from service.sinks.canvas import Panel, draw
 from service.sinks.shading import Surface
 from solver.completion.reason import CONTRADICTED, DARK, FILLED, OUTSIDE, SATURATED
@@ -23,7 +23,12 @@ _UNKNOWN = {DARK: "dark", SATURATED: "saturated", CONTRADICTED: "contradicted", 
 """Names by reason."""
 
 
-def write_preview(path: Path, result: FusedMap, truth: NDArray[np.float32] | None = None) -> None:
+def write_preview(
+    path: Path,
+    result: FusedMap,
+    truth: NDArray[np.float32] | None = None,
+    errors: Errors | None = None,
+) -> None:
     """Draw a map and save it as PNG, whole or not at all.
 
     Panels: distance and amplitude of the reference frame, fused depth with the reason where it is unknown,
@@ -34,11 +39,12 @@ def write_preview(path: Path, result: FusedMap, truth: NDArray[np.float32] | Non
         path: of the picture.
         result: the map.
         truth: (βH, βW) true distance, metres, or None.
+        errors: of the map against it, for the title.
 
     Raises:
         OutputError: it cannot be written.
     """
-    sheet = draw(panels_of(result, truth), title_of(result, truth))
+    sheet = draw(panels_of(result, truth), title_of(result, errors))
     with whole_file(path) as partial:
         # Level 1 is a tenth larger than the default and takes a third of the time.
         sheet.save(partial, format="png", compress_level=1)
@@ -124,17 +130,16 @@ def _sample(image: NDArray[np.floating]) -> NDArray[np.floating]:
     return known
 
 
-def title_of(result: FusedMap, truth: NDArray[np.float32] | None) -> str:
+def title_of(result: FusedMap, errors: Errors | None) -> str:
     """What was fused how, and how well."""
     report = result.report
     said = [f"burst {report.burst}", f"{len(report.used)} of {report.frames} frames", report.method]
     if report.regularization is not None:
         said.append(f"λ = {report.regularization:.3g}")
-    quality = judge(result, truth)
-    if quality is not None:
+    if errors is not None:
         said.append(
-            f"RMS error {quality.rms * 1000:.1f} mm, mean {quality.mean_absolute * 1000:.1f} mm "
-            f"(one frame: {quality.nearest_rms * 1000:.1f} mm, {quality.nearest_mean_absolute * 1000:.1f} mm)"
+            f"RMS error {errors.rms * 1000:.1f} mm, mean {errors.mean_absolute * 1000:.1f} mm "
+            f"(one frame: {errors.nearest_rms * 1000:.1f} mm, {errors.nearest_mean_absolute * 1000:.1f} mm)"
         )
     elif report.deviation is not None:
         said.append(f"median deviation {report.deviation * 1000:.1f} mm")

@@ -12,6 +12,8 @@ from service.errors import OutputError
 from service.files import free_path
 from service.messages.events import Event, MapFused
 from service.messages.map import FusedMap
+from service.messages.quality import Errors
+from service.messages.summary import summary_of
 from service.processes.worker import Worker
 from service.sinks.sink import Room, Sink
 
@@ -30,6 +32,7 @@ class Drawing:
 
     map: FusedMap
     truth: NDArray[np.float32] | None
+    errors: Errors | None
     path: Path
 
 
@@ -74,7 +77,7 @@ class Pictures(Sink):
     def take(self, event: Event) -> None:
         assert isinstance(event, MapFused)
         path = free_path(self._directory / f"burst-{event.map.report.burst:04d}.png")
-        fault = self._worker.ask(Drawing(event.map, event.truth, path), _TIMEOUT)
+        fault = self._worker.ask(Drawing(event.map, event.truth, summary_of(event).errors, path), _TIMEOUT)
         if fault is not None:
             raise OutputError(f"{path}: the picture could not be drawn: {fault}")
         self._written.append(path)
@@ -98,7 +101,7 @@ def drawing() -> Callable[[Drawing], str | None]:
 
     def draw(request: Drawing) -> str | None:
         try:
-            write_preview(request.path, request.map, request.truth)
+            write_preview(request.path, request.map, request.truth, request.errors)
         except Exception as error:  # the process lives on and draws the next
             return f"{type(error).__name__}: {error}"
         return None

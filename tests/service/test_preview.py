@@ -49,7 +49,7 @@ def test_the_picture_has_six_panels_with_units(step: FusedMap) -> None:
     assert sum(title.startswith("surface, seen") for title in titles) == 2
     assert all(title.startswith("surface") or ", m" in title or ", counts" in title for title in titles)
     assert titles[-1] == "error, fused − true distance, mm"
-    assert "RMS error" in title_of(step, TRUTH)
+    assert "RMS error" in title_of(step, judge(step, TRUTH))
 
 
 def test_it_shows_why_depths_are_unknown(step: FusedMap) -> None:
@@ -66,7 +66,7 @@ def test_it_shows_why_depths_are_unknown(step: FusedMap) -> None:
 def test_without_a_truth_it_shows_the_deviation(step: FusedMap) -> None:
     for missing in (None, np.zeros((5, 5), np.float32)):
         assert panels_of(step, missing)[-1].title == "standard deviation, mm"
-        assert "median deviation" in title_of(step, missing)
+        assert "median deviation" in title_of(step, judge(step, missing))
 
 
 def test_near_and_far_have_the_colours_of_their_distance(step: FusedMap, tmp_path: Path) -> None:
