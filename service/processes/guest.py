@@ -1,21 +1,16 @@
 """Work in a process of somebody else's, such as a worker of a Dask cluster, as fast as in one of ours."""
 
-import ctypes
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from typing import TypeVar
 
 from service.processes.threads import solver_threads
 
 T = TypeVar("T")
 
-_TRIM, _MAP = -1, -3
-"""M_TRIM_THRESHOLD and M_MMAP_THRESHOLD of glibc's `mallopt`."""
-
-_KEPT, _MAPPED = 64 << 20, 32 << 20
-"""Bytes to which glibc raises them by itself, where nobody has set one, when large arrays come and go."""
+_KEPT = 64 << 20
+"""Bytes to which glibc raises it by itself, where nobody has set it, when large arrays come and go."""
 
 
 def as_guest(work: Callable[[], T]) -> T:
@@ -43,8 +38,7 @@ def _keep_freed_memory() -> None:
     Dask's nannies tell their workers so: the pages of each array would be faulted in anew, which costs a
     solver a third of its time.
     """
+    from solver.runtime.memory import keep_at_most  # only here: Numba takes long to import
+
     if "MALLOC_TRIM_THRESHOLD_" in os.environ:
-        with suppress(AttributeError, OSError):  # another allocator
-            libc = ctypes.CDLL(None)
-            libc.mallopt(_MAP, _MAPPED)
-            libc.mallopt(_TRIM, _KEPT)
+        keep_at_most(_KEPT)

@@ -17,9 +17,13 @@ _KEPT, _LARGEST = 256 << 20, 32 << 20
 
 def keep_freed() -> None:
     """Let the allocator keep what is freed, where it is glibc's and nobody has set it."""
-    if any(name in os.environ for name in ("MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_")):
-        return
+    if not any(name in os.environ for name in ("MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_")):
+        keep_at_most(_KEPT)
+
+
+def keep_at_most(size: int) -> None:
+    """Let the allocator keep so many bytes of what is freed, where it is glibc's, whoever has set it."""
     libc = ctypes.CDLL(None)
     if hasattr(libc, "mallopt"):
         libc.mallopt(_MMAP_THRESHOLD, _LARGEST)
-        libc.mallopt(_TRIM_THRESHOLD, _KEPT)
+        libc.mallopt(_TRIM_THRESHOLD, size)
