@@ -1,13 +1,15 @@
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from jobs_to_fuse import SETTINGS
 
 from drivers import Frame, sr3000_calibration
 from service.config.sections import FusionSection
 from service.fusion.fuse import fuse_burst
+from service.fusion.local import LocalExecutor
 from service.messages.burst import Burst
 from service.messages.map import FusedMap
 
@@ -71,3 +73,12 @@ def fused(_fused: FusedMap) -> Callable[[int], FusedMap]:
         )
 
     return numbered
+
+
+@pytest.fixture(scope="module")
+def started() -> Iterator[LocalExecutor]:
+    """An executor on this machine that is ready."""
+    executor = LocalExecutor(SETTINGS)
+    executor.ready.result(60)
+    yield executor
+    executor.close()

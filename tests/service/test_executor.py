@@ -1,4 +1,4 @@
-"""The executor on this machine: maps, streams, faults, full backlogs, and an end that never hangs."""
+"""The executor on this machine: maps, streams, faults, and an end that never hangs."""
 
 import inspect
 import os
@@ -7,33 +7,24 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from jobs_to_fuse import SETTINGS, frame_job, job, map_of
 from numba.core.caching import UserProvidedCacheLocator
-from scripted import calibration, frame
 
 from service.config.sections import FusionSection
-from service.daemon.fusing import Fusing
 from service.errors import HungError, WorkerError
 from service.fusion.answering import answering
-from service.fusion.backlog import Backlog
 from service.fusion.deadline import Deadline
-from service.fusion.executor import Executor
-from service.fusion.job import BurstJob, Failure, FrameJob, Job, WarmUp
+from service.fusion.job import Failure, WarmUp
 from service.fusion.local import LocalExecutor
 from service.messages.burst import Burst
-from service.messages.map import FusedMap
-from service.messages.status import FusionState
 from solver.runtime.caching import caches
 
 WEDGES = Path(__file__).parents[2] / "recordings" / "wedges.mcap"
-
-SETTINGS = FusionSection(method="nearest", upsampling=2, register_poses=False, timeout=30.0)
 
 
 class Deadly(Burst):
@@ -48,27 +39,6 @@ class Endless(Burst):
 
     def __reduce__(self):  # type: ignore[no-untyped-def]
         return time.sleep, (60,)
-
-
-def job(number: int, kind: type[Burst] = Burst, settings: FusionSection = SETTINGS, **changes: object) -> Job:
-    frames = tuple(frame(k, k * 1000, **changes) for k in range(3))
-    return BurstJob(kind(number, frames, calibration(), 3), settings)
-
-
-def frame_job(number: int, stream: int = 1, window: int = 3, **changes: object) -> FrameJob:
-    return FrameJob(frame(number, number * 1000, **changes), calibration(), SETTINGS, window, stream, number)
-
-
-@pytest.fixture(scope="module")
-def started() -> Iterator[LocalExecutor]:
-    executor = LocalExecutor(SETTINGS)
-    executor.ready.result(60)
-    yield executor
-    executor.close()
-
-
-def map_of(executor: Executor, job: Job) -> FusedMap:
-    return executor.submit(job).result(60)
 
 
 def test_a_stream_whose_process_died_begins_anew_and_says_so(started: LocalExecutor) -> None:
@@ -224,81 +194,6 @@ def test_the_deadline_follows_what_is_usual_and_never_exceeds_the_limit() -> Non
     assert deadline.of(job(0, settings=SETTINGS.model_copy(update={"method": "area"}))) == 30.0
     deadline.learn(one, 60.0)
     assert deadline.of(one) == 30.0
-
-
-class Held:
-    """An executor whose jobs wait until they are done by hand."""
-
-    def __init__(self) -> None:
-        self.jobs: list[tuple[Job, Future[FusedMap]]] = []
-
-    def submit(self, job: Job, iterating: object = None) -> "Future[FusedMap]":  # noqa: ARG002
-        self.jobs.append((job, Future()))
-        return self.jobs[-1][1]
-
-    @property
-    def state(self) -> FusionState:
-        return FusionState(backlog=0, restarts=0, hung=0, error=None)
-
-    def close(self) -> None: ...
-
-
-def test_live_the_oldest_burst_gives_way_when_the_backlog_is_full() -> None:
-    held = Held()
-    backlog = Backlog(held, lambda _job, _map: None, lambda _job, _why: None, lossless=False)
-    for number in range(5):
-        backlog.put(job(number), room=2)
-    waiting = [one.number for one, future in held.jobs if not future.cancelled()]
-    assert waiting == [3, 4]
-    assert (backlog.dropped, backlog.skipped) == (3, 0)
-    for number in range(5):
-        backlog.put(frame_job(number), room=1)
-    assert backlog.dropped == 5
-    assert backlog.skipped == 4
-    assert not backlog.drain(0.0)
-    assert backlog.clear() == 1
-    assert (backlog.dropped, backlog.skipped, backlog.cancelled) == (5, 4, 1)
-    assert backlog.drain(1.0)
-
-
-def test_a_stream_whose_grid_moved_has_no_truth_and_what_is_scanned_after_it_has(
-    started: LocalExecutor,
-) -> None:
-    held, told = Held(), []
-    fusing = Fusing(held, told.append, lossless=False)  # type: ignore[arg-type]
-    fusing.truth = np.ones((1, 1), np.float32)
-    still = map_of(started, job(0))
-    moved = replace(still, report=still.report.model_copy(update={"notes": ("the grid moved",)}))
-    first, second = fusing.next_stream(), fusing.next_stream()
-    jobs = [
-        (replace(frame_job(0), stream=first), still),
-        (replace(frame_job(1), stream=first), moved),
-        (replace(frame_job(2), stream=first), still),
-        (job(0), still),
-        (replace(frame_job(3), stream=first), still),
-        (replace(frame_job(0), stream=second), still),
-    ]
-    for one, result in jobs:
-        fusing.backlog.put(one, room=10)
-        held.jobs[-1][1].set_result(result)
-    assert [event.truth is not None for event in told] == [True, False, False, True, False, True]
-
-
-def test_what_its_listeners_raise_stops_nobody(
-    started: LocalExecutor, caplog: pytest.LogCaptureFixture
-) -> None:
-    seen: list[int] = []
-
-    def listen(_: Job, result: FusedMap) -> None:
-        seen.append(result.report.burst)
-        raise RuntimeError("no wish to listen")
-
-    backlog = Backlog(started, listen, lambda _job, _why: None, lossless=True)
-    for number in range(4):
-        backlog.put(job(number), room=1)
-    assert backlog.drain(60)
-    assert seen == [0, 1, 2, 3]
-    assert "no wish to listen" in caplog.text
 
 
 def test_arrays_cross_the_border_unchanged_and_may_be_written_to(started: LocalExecutor) -> None:

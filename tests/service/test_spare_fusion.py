@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from test_executor import SETTINGS, job, map_of
+from jobs_to_fuse import SETTINGS, job, map_of
 
 from service.fusion.local import LocalExecutor
 
