@@ -1,6 +1,7 @@
 """Recordings: MCAP files of frames with calibration, configuration and truth."""
 
 from drivers.recording import attachments
+from drivers.recording.compression import Compression
 from drivers.recording.damage import Damage
 from drivers.recording.head import RecordingHead, recording_head
 from drivers.recording.output import torn_path
@@ -10,6 +11,7 @@ from drivers.recording.summary import RecordingSummary
 from drivers.recording.writer import RecordingWriter
 
 __all__ = [
+    "Compression",
     "Damage",
     "Recording",
     "RecordingHead",

@@ -17,14 +17,13 @@ from drivers.errors import StateError, StorageError
 from drivers.frame import Frame
 from drivers.messages import Message, Schema, calibration_message, frame_messages
 from drivers.recording import attachments
-from drivers.recording.compression import fast_writer
+from drivers.recording.compression import Compression, writer_class
 from drivers.recording.output import Output
 from drivers.recording.versions import library, versions
 
 CHUNK_SIZE = 256 * 1024
 """Bytes before compression; two or three frames, the most that is lost when the process is killed."""
 
-_Writer = fast_writer()
 
 SEQUENCE_MASK = 0xFFFFFFFF
 """MCAP counts in 32 bits; camera/frame holds the whole number."""
@@ -39,19 +38,27 @@ class RecordingWriter:
     Args:
         path: where the recording shall be.
         metadata: run id, rig, camera serial and what else is known; run id and software version are added.
+        compression: small, or quick.
 
     Raises:
         StorageError: the file cannot be made or written. Writing is over then; `close` keeps what there is.
     """
 
-    def __init__(self, path: Path | str, metadata: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self,
+        path: Path | str,
+        metadata: Mapping[str, str] | None = None,
+        compression: Compression = Compression.SMALL,
+    ) -> None:
         self.path = Path(path)
         self._schemas: dict[Schema, int] = {}
         self._channels: dict[str, tuple[int, Schema]] = {}
         self._calibration: bytes | None = None
         self._is_closed = False
         self._output = Output(self.path)
-        self._writer = _Writer(cast(IO[bytes], self._output), chunk_size=CHUNK_SIZE, enable_data_crcs=True)
+        self._writer = writer_class(compression)(
+            cast(IO[bytes], self._output), chunk_size=CHUNK_SIZE, enable_data_crcs=True
+        )
         try:
             self._begin(metadata or {})
         except BaseException:

@@ -18,23 +18,25 @@ CLIMBS = 12
 """Rounds of the fixed point on a relief; each takes off all but slope · tan(incidence) of what is left."""
 
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
+_inlined = numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+"""For what is called for each ray: a function that takes an array counts a reference to it at every call."""
 
 
-@_jit
-def _is_open(s: Packed, k: int, u: float, v: float) -> bool:
-    if s.hole[k] == 0:
+@_inlined
+def _is_open(k: int, hole, pitch, opening, extent, u: float, v: float) -> bool:  # type: ignore[no-untyped-def]
+    if hole[k] == 0:
         return False
-    cell_u = np.floor(u / s.pitch[k, 0] + 0.5) * s.pitch[k, 0]
-    cell_v = np.floor(v / s.pitch[k, 1] + 0.5) * s.pitch[k, 1]
-    if abs(cell_u) > s.extent[k, 0] or abs(cell_v) > s.extent[k, 1]:
+    cell_u = np.floor(u / pitch[k, 0] + 0.5) * pitch[k, 0]
+    cell_v = np.floor(v / pitch[k, 1] + 0.5) * pitch[k, 1]
+    if abs(cell_u) > extent[k, 0] or abs(cell_v) > extent[k, 1]:
         return False
-    du, dv = (u - cell_u) / s.opening[k, 0], (v - cell_v) / s.opening[k, 1]
-    if s.hole[k] == ROUND:
+    du, dv = (u - cell_u) / opening[k, 0], (v - cell_v) / opening[k, 1]
+    if hole[k] == ROUND:
         return bool(du * du + dv * dv < 1.0)
     return bool(abs(du) < 1.0 and abs(dv) < 1.0)
 
 
-@_jit
+@_inlined
 def _reflectivity(s: Packed, k: int, u: float, v: float) -> float:
     """Reflectivity at (u, v), the texture interpolated bilinearly and repeated."""
     if s.texture[k] < 0:
@@ -43,7 +45,7 @@ def _reflectivity(s: Packed, k: int, u: float, v: float) -> float:
     return float(s.reflectivity[k] * _at(image, u / s.period[k, 0], v / s.period[k, 1]))
 
 
-@_jit
+@_inlined
 def _at(image, u: float, v: float) -> float:  # type: ignore[no-untyped-def]
     """A square picture that spans −½ to ½, interpolated bilinearly and repeated; v up."""
     side = image.shape[0]
@@ -56,13 +58,13 @@ def _at(image, u: float, v: float) -> float:  # type: ignore[no-untyped-def]
     return float(top * (1 - fy) + bottom * fy)
 
 
-@_jit
-def _climb(s: Packed, k: int, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
+@_inlined
+def _climb(k: int, size, relief, heights, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
     """Where a ray meets a plate's relief: (t, cosine to the normal); the plane's own where there is none."""
     t = -oz / dz
-    if s.relief[k] < 0:
+    if relief[k] < 0:
         return t, abs(dz)
-    image, width, height = s.heights[s.relief[k]], 2 * s.size[k, 0], 2 * s.size[k, 2]
+    image, width, height = heights[relief[k]], 2 * size[k, 0], 2 * size[k, 2]
     for _ in range(CLIMBS):
         t = (_at(image, (ox + t * dx) / width, (oy + t * dy) / height) - oz) / dz
     u, v, step = (ox + t * dx) / width, (oy + t * dy) / height, 0.5 / image.shape[0]
@@ -71,30 +73,32 @@ def _climb(s: Packed, k: int, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untype
     return t, abs(dz - across * dx - along * dy) / np.sqrt(1 + across * across + along * along)
 
 
-@_jit
-def _hit_flat(s: Packed, k: int, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
-    t, cosine = _climb(s, k, ox, oy, oz, dx, dy, dz)
+@_inlined
+def _hit_flat(  # type: ignore[no-untyped-def]
+    k: int, kind, size, relief, heights, hole, pitch, opening, extent, ox, oy, oz, dx, dy, dz
+):
+    t, cosine = _climb(k, size, relief, heights, ox, oy, oz, dx, dy, dz)
     if not t > NEAREST:
         return np.inf, 0.0, 0.0, 0.0
     u, v = ox + t * dx, oy + t * dy
-    first, half = s.size[k, 0], s.size[k, 2]
-    if s.kind[k] == DISC:
+    first, half = size[k, 0], size[k, 2]
+    if kind[k] == DISC:
         if u * u + v * v > first * first:
             return np.inf, 0.0, 0.0, 0.0
     else:
         if abs(v) > half:
             return np.inf, 0.0, 0.0, 0.0
         height = (v + half) / (2 * half)
-        if abs(u - s.size[k, 3] * (height - 0.5)) > first + (s.size[k, 1] - first) * height:
+        if abs(u - size[k, 3] * (height - 0.5)) > first + (size[k, 1] - first) * height:
             return np.inf, 0.0, 0.0, 0.0
-    if _is_open(s, k, u, v):
+    if _is_open(k, hole, pitch, opening, extent, u, v):
         return np.inf, 0.0, 0.0, 0.0
     return t, u, v, cosine
 
 
-@_jit
-def _hit_sphere(s: Packed, k: int, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
-    radius = s.size[k, 0]
+@_inlined
+def _hit_sphere(k: int, size, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
+    radius = size[k, 0]
     a = dx * dx + dy * dy + dz * dz
     b = ox * dx + oy * dy + oz * dz
     root = b * b - a * (ox * ox + oy * oy + oz * oz - radius * radius)
@@ -111,10 +115,12 @@ def _hit_sphere(s: Packed, k: int, ox, oy, oz, dx, dy, dz):  # type: ignore[no-u
     return t, u, v, abs(x * dx + y * dy + z * dz)
 
 
-@_jit
-def _hit_frustum(s: Packed, k: int, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
-    half = s.size[k, 2]
-    mean, slope = 0.5 * (s.size[k, 0] + s.size[k, 1]), (s.size[k, 1] - s.size[k, 0]) / (2 * half)
+@_inlined
+def _hit_frustum(  # type: ignore[no-untyped-def]
+    k: int, size, hole, pitch, opening, extent, ox, oy, oz, dx, dy, dz
+):
+    half = size[k, 2]
+    mean, slope = 0.5 * (size[k, 0] + size[k, 1]), (size[k, 1] - size[k, 0]) / (2 * half)
     r = mean + slope * oz
     a = dx * dx + dy * dy - slope * slope * dz * dz
     b = ox * dx + oy * dy - slope * r * dz
@@ -129,7 +135,7 @@ def _hit_frustum(s: Packed, k: int, ox, oy, oz, dx, dy, dz):  # type: ignore[no-
         if t < NEAREST or abs(z) > half or local <= 0.0:
             continue
         u = mean * np.arctan2(x, y)
-        if _is_open(s, k, u, z):
+        if _is_open(k, hole, pitch, opening, extent, u, z):
             continue
         return t, u, z, abs(x * dx + y * dy - slope * local * dz) / (local * np.sqrt(1 + slope * slope))
     return np.inf, 0.0, 0.0, 0.0
@@ -175,7 +181,10 @@ def _tile(origin, turn, start, step, top, bottom, left, right, s, found) -> int:
 @_jit
 def cast_rows(s, origin, turn, start, step, first, last, distance, strength) -> None:  # type: ignore[no-untyped-def]
     """Fill rows first … last − 1 of `distance` and `strength`; see `cast`."""
-    columns, total = distance.shape[1], len(s.kind)
+    # Out of the tuple once, for the same reason.
+    kind, size, relief, heights = s.kind, s.size, s.relief, s.heights
+    hole, pitch, opening, extent = s.hole, s.pitch, s.opening, s.extent
+    columns, total = distance.shape[1], len(kind)
     found = np.empty(total, np.int64)
     at, into = np.zeros((total, 3)), np.zeros((total, 3, 3))
     for k in range(total):
@@ -200,12 +209,17 @@ def cast_rows(s, origin, turn, start, step, first, last, distance, strength) -> 
                         dx = into[k, 0, 0] * x + into[k, 0, 1] * y + into[k, 0, 2]
                         dy = into[k, 1, 0] * x + into[k, 1, 1] * y + into[k, 1, 2]
                         dz = into[k, 2, 0] * x + into[k, 2, 1] * y + into[k, 2, 2]
-                        if s.kind[k] == SPHERE:
-                            found_hit = _hit_sphere(s, k, ox, oy, oz, dx, dy, dz)
-                        elif s.kind[k] == FRUSTUM:
-                            found_hit = _hit_frustum(s, k, ox, oy, oz, dx, dy, dz)
+                        if kind[k] == SPHERE:
+                            found_hit = _hit_sphere(k, size, ox, oy, oz, dx, dy, dz)
+                        elif kind[k] == FRUSTUM:
+                            found_hit = _hit_frustum(
+                                k, size, hole, pitch, opening, extent, ox, oy, oz, dx, dy, dz
+                            )
                         else:
-                            found_hit = _hit_flat(s, k, ox, oy, oz, dx, dy, dz)
+                            found_hit = _hit_flat(
+                                k, kind, size, relief, heights, hole, pitch, opening, extent,
+                                ox, oy, oz, dx, dy, dz,
+                            )  # fmt: skip
                         if found_hit[0] < nearest:
                             nearest, u, v, slant = found_hit
                             hit = k

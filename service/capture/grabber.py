@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from drivers.errors import DeviceTimeoutError, OperationError
 from drivers.frame import Frame
 from service.capture.control import Control
+from service.capture.priority import Foremost
 from service.capture.rig import Rig
 
 _STALE = 100
@@ -54,6 +55,7 @@ class Grabber:
         self._listener = listener
         self._sequence: int | None = None
         self._held: Frame | None = None
+        self._foremost = Foremost()
 
     def _interrupted(self) -> bool:
         """Asked by a stage that moves, and has a deadline of its own: a sign of life."""
@@ -66,7 +68,8 @@ class Grabber:
         if self._held is not None:
             held, self._held = self._held, None
             return held
-        frame = self.rig.camera.grab(self.timeout)
+        with self._foremost:
+            frame = self.rig.camera.grab(self.timeout)
         if self._sequence is not None:
             # Numbers start again when the camera does, or a recording is played again.
             self.counts.dropped += max(0, frame.sequence - self._sequence - 1)

@@ -42,7 +42,7 @@ class Pace:
             if not self._fusing:  # it takes longer than so far; one that waits is enough until that is known
                 return now - self._since if self._unfinished > 1 else 0.0
             capturing, fusing = median(self._capturing), median(self._fusing)
-            free = max(now, self._since + fusing) + (self._unfinished - 1) * fusing
+            free = max(now, self._since + _mostly(self._fusing)) + (self._unfinished - 1) * fusing
         wait = max(0.0, free - now - capturing)
         if wait > 0 and fusing > capturing and not self._told:
             self._told = True
@@ -76,3 +76,9 @@ class Pace:
         """One of them was given up before it was begun."""
         with self._lock:
             self._unfinished -= 1
+
+
+def _mostly(seconds: deque[float]) -> float:
+    """What three quarters of them do not exceed: a burst that is complete sooner grows old in the queue."""
+    ordered = sorted(seconds)
+    return ordered[round(0.75 * (len(ordered) - 1))]

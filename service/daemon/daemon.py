@@ -83,6 +83,7 @@ class Daemon:
         self.lookouts: list[Callable[[], None]] = []
         self.on_ready: Callable[[], None] = lambda: None
         self.command_counts: Callable[[], CommandCounts] = CommandCounts
+        self._is_shown = False
 
     @property
     def camera(self) -> Capabilities | None:
@@ -91,8 +92,8 @@ class Daemon:
 
     @property
     def is_opening(self) -> bool:
-        """Whether the devices have not been open yet."""
-        return self.origin.rig is None
+        """Whether the devices are not shown yet: they are being opened, or a scene is being rendered."""
+        return not self._is_shown
 
     @property
     def replay(self) -> ReplayState:
@@ -193,6 +194,7 @@ class Daemon:
         expected = settings.stream.window if settings.start == "stream" else settings.fusion.frames
         frames = recording.frame_count if recording is not None else expected if self.once else None
         self.origin.show(self.rig, self.rig.clock.now(), frames)
+        self._is_shown = True
 
     def _wait_ready(self) -> None:
         for progress in self.fusing.waiting(self.stop):

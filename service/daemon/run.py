@@ -201,7 +201,7 @@ def _lost(daemon: Daemon, bus: Bus) -> list[str]:
     said += daemon.ledger.failures
     if daemon.fusing.backlog.dropped:
         said.append(
-            f"{daemon.fusing.backlog.dropped} bursts not fused: the fusion was slower than the capture"
+            f"{daemon.fusing.backlog.dropped} bursts not fused: the fusion did not keep up with the capture"
         )
     if daemon.grabber.counts.dropped and not (daemon.camera and daemon.camera.carries_pose):
         said.append(f"{daemon.grabber.counts.dropped} frames dropped by the camera")

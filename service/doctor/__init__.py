@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from service.config.sections import Configuration
 from service.doctor.check import Check
 from service.doctor.cluster import check_cluster
-from service.doctor.host import check_clock, check_disk, check_zenoh
+from service.doctor.host import check_clock, check_disk, check_priority, check_zenoh
 from service.doctor.kernels import check_kernels
 from service.doctor.ros2 import check_ros2
 from service.doctor.serial_ports import check_serial
@@ -26,6 +26,7 @@ CHECKS: tuple[Callable[[Configuration], Iterator[Check]], ...] = (
     check_cluster,
     check_disk,
     check_clock,
+    check_priority,
 )
 
 

@@ -1,4 +1,4 @@
-"""The machine itself: Zenoh's port, disk, clock."""
+"""The machine itself: Zenoh's port, disk, clock, priorities."""
 
 from __future__ import annotations
 
@@ -112,6 +112,24 @@ def check_clock(_: Configuration) -> Iterator[Check]:
         )
     else:
         yield Check(name="clock", state="ok", finding=time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime()))
+
+
+def check_priority(_: Configuration) -> Iterator[Check]:
+    """May the capture go before all else?"""
+    from service.capture.priority import Foremost
+
+    with Foremost() as foremost:
+        permitted = foremost.is_permitted
+    if permitted:
+        yield Check(name="priority", state="ok", finding="the capture may go before all else")
+    else:
+        yield Check(
+            name="priority",
+            state="warning",
+            finding="the capture goes no sooner than other programs: a busy machine may lose frames",
+            remedy="LimitNICE=-15 in the systemd unit, as deploy/lidarboost.service has it; or "
+            'echo "$USER - nice -15" | sudo tee /etc/security/limits.d/lidarboost.conf, and log in again',
+        )
 
 
 def _is_taken(port: int) -> bool:

@@ -97,7 +97,7 @@ class Backlog:
                     self.skipped += 1
                 else:
                     self.dropped += 1
-                    _log.warning("burst %d dropped: the fusion is slower than the capture", job.number)
+                    _log.warning("burst %d dropped: the fusion does not keep up with the capture", job.number)
                 return True
         return False
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Protocol
 
+from drivers.recording import Compression
 from service.sinks.recording_file import RecordingFile
 
 _OVERDUE = 1.1
@@ -10,7 +11,10 @@ _OVERDUE = 1.1
 
 
 class Destination(Protocol):
-    """Where files go, when the next one is due, and what an earlier run left unfinished."""
+    """Where files go, how small they are made, when the next one is due, and what was left unfinished."""
+
+    @property
+    def compression(self) -> Compression: ...
 
     def next_path(self) -> Path: ...
     def is_full(self, size: float, age: float) -> bool: ...

@@ -3,6 +3,7 @@
 import itertools
 from pathlib import Path
 
+from drivers.recording import Compression
 from drivers.recording.output import WORKING_SUFFIX
 from service.errors import OutputError
 from service.sinks.recording_directory import MEGABYTE, delete_oldest
@@ -16,6 +17,8 @@ class FileSeries:
         rotate_size: MB after which the next is begun.
         budget: MB of all; where that is exceeded the oldest goes. None = all are kept.
     """
+
+    compression = Compression.QUICK
 
     def __init__(self, path: Path, rotate_size: float, budget: float | None) -> None:
         self._path, self._rotate_size, self._budget = path, rotate_size, budget

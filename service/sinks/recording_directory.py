@@ -11,6 +11,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from drivers.recording import Compression
 from drivers.recording.locks import is_used
 from drivers.recording.output import WORKING_SUFFIX
 from service.config.sections import RecordingSection
@@ -50,6 +51,8 @@ class RecordingDirectory:
         section: directory, size and duration of a file, budget.
         now: nanoseconds since the epoch.
     """
+
+    compression = Compression.SMALL
 
     def __init__(self, section: RecordingSection, now: Callable[[], int]) -> None:
         self._section, self._now = section, now

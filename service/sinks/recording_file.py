@@ -7,7 +7,7 @@ from pathlib import Path
 
 from drivers.errors import StorageError
 from drivers.messages import CAMERA_FRAME, Message
-from drivers.recording import RecordingHead, RecordingWriter
+from drivers.recording import Compression, RecordingHead, RecordingWriter
 
 _FLUSH_INTERVAL = 1.0
 """Seconds of data that a killed process may lose; a shorter beat makes smaller chunks that compress less."""
@@ -55,11 +55,11 @@ class RecordingFile:
         StorageError: it cannot be made or written. Writing is over then.
     """
 
-    def __init__(self, path: Path, head: RecordingHead, now: int) -> None:
+    def __init__(self, path: Path, head: RecordingHead, now: int, compression: Compression) -> None:
         self.path = path
         self.written = 0
         self.pending: list[Unit] = []
-        self._writer = RecordingWriter(path, head.metadata)
+        self._writer = RecordingWriter(path, head.metadata, compression)
         try:
             head.attach_to(self._writer, now)
         except BaseException:

@@ -127,7 +127,8 @@ class RecordingSeries:
         if self._file is not None and is_over(self._destination, self._file, unit.begins_burst):
             self.finish()
         if self._file is None:
-            self._file = RecordingFile(self._destination.next_path(), self.head, self._now())
+            path, compression = self._destination.next_path(), self._destination.compression
+            self._file = RecordingFile(path, self.head, self._now(), compression)
         return self._file
 
     def _fail(self, error: Exception) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.rotations import rotation_matrix
-from solver.geometry.points import normals_from_points, points_from_distance
+from solver.geometry.points import dot, normals_from_points, points_from_distance
 
 _AMBIENT = 0.25
 _SIZE = 432, 353
@@ -40,11 +40,13 @@ class Surface:
         step = max(1, -(-distance.shape[1] // _SIZE[0]))
         scaled = np.diag([1 / step, 1 / step, 1.0]) @ intrinsics
         points = points_from_distance(distance[::step, ::step], scaled, distortion)
-        normals = normals_from_points(points)
-        known = np.isfinite(points[..., 2]) & np.isfinite(normals[..., 0]) & ~_grazed(points, normals)
-        self._points = points[known]
-        self._normals = _smoothed(normals, known)[known]
-        self._middle = np.median(self._points, axis=0) if known.any() else np.zeros(3, np.float32)
+        normals = np.moveaxis(normals_from_points(points), 2, 0)
+        points = np.ascontiguousarray(np.moveaxis(points, 2, 0))
+        known = np.isfinite(points[2]) & np.isfinite(normals[0]) & ~_grazed(points, normals)
+        self._points = points[:, known]
+        self._normals = _smoothed(normals, known)[:, known]
+        some = self._points[:, ::_SAMPLED]
+        self._middle = np.median(some, axis=1)[:, None] if known.any() else np.zeros((3, 1), np.float32)
 
     def seen_from(self, yaw: float, pitch: float) -> NDArray[np.float32]:
         """Render it in grey from a viewpoint turned about the scene's middle.
@@ -57,39 +59,37 @@ class Surface:
         Returns:
             (rows, columns) float32, 0..1, NaN where nothing is seen.
         """
-        if not len(self._points):
+        if not self._points.size:
             return np.full((2, 2), np.nan, np.float32)
         turn = (rotation_matrix((0.0, yaw, 0.0)) @ rotation_matrix((pitch, 0.0, 0.0))).astype(np.float32)
-        seen = (self._points - self._middle) @ turn.T
-        facing = (self._normals @ turn.T) @ (_LIGHT / np.linalg.norm(_LIGHT))
+        seen = turn @ (self._points - self._middle)
+        facing = (_LIGHT / np.linalg.norm(_LIGHT)) @ turn @ self._normals
         value = (_AMBIENT + (1 - _AMBIENT) * np.clip(facing, 0, 1)).astype(np.float32)
-        return _splat(seen, value, float(self._middle[2]))
+        return _splat(seen, value, float(self._middle[2, 0]))
 
 
 def _grazed(points: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.bool_]:
     with np.errstate(invalid="ignore"):
-        facing = np.einsum("ijk,ijk->ij", points, normals)
-        return np.asarray(facing**2 < _GRAZING**2 * np.einsum("ijk,ijk->ij", points, points))
+        return np.asarray(dot(points, normals) ** 2 < _GRAZING**2 * dot(points, points))
 
 
 def _smoothed(normals: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
     import cv2
 
-    kept = np.where(known[..., None], normals, np.float32(0))
-    mean = cv2.blur(kept, (_SMOOTHING, _SMOOTHING))
-    length = np.sqrt(np.einsum("ijk,ijk->ij", mean, mean))[..., None]
-    return np.asarray(mean / np.maximum(length, np.finfo(np.float32).tiny), np.float32)
+    kept = np.where(known, normals, np.float32(0))
+    mean = np.stack([cv2.blur(plane, (_SMOOTHING, _SMOOTHING)) for plane in kept])
+    return np.asarray(mean / np.maximum(np.sqrt(dot(mean, mean)), np.finfo(np.float32).tiny))
 
 
 def _splat(points: NDArray[np.floating], value: NDArray[np.float32], away: float) -> NDArray[np.float32]:
-    """Points in the viewer's axes about the scene's middle, `away` metres off, far ones painted first."""
+    """Points (3, M) in the viewer's axes about the scene's middle, `away` metres off, far ones first."""
     import cv2
 
     columns, rows = _SIZE
-    depth = points[:, 2] + away
+    depth = points[2] + away
     front = depth > 0.1 * away
     with np.errstate(divide="ignore", invalid="ignore"):
-        plane = points[:, :2].T / depth
+        plane = points[:2] / depth
     # The few farthest points would make the rest small.
     low, high = np.percentile(plane[:, ::_SAMPLED][:, front[::_SAMPLED]], (0.5, 99.5), axis=1)
     scale = 0.92 * float(min(columns / (high[0] - low[0]), rows / (high[1] - low[1])))

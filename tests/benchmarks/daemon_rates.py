@@ -10,7 +10,8 @@ Each row runs the command `lidarboost run` as a user would, with a subscriber in
   depth images of frames and of maps that reach it, by the numbers that they bear;
 - scan: bursts of 15 frames at 5 ms, recording; from the last exposure to the map decoded by the subscriber,
   what of that is not the solver's, and whether the fusion keeps up;
-- record: bursts of a camera that nothing turns, recorded, fused and drawn; frames dropped;
+- record: bursts of a camera that nothing turns, recorded, fused and drawn; frames dropped, and how long the
+  machine itself stood still, which nothing can make up for;
 - once: a long recording as fast as it goes, with and without pictures, in times real time;
 - command: `run --replay recordings/wedges.mcap --once`, whole, with picture, caches warm;
 - commands: how soon such are answered that touch no device, under full load, and with a stuck camera.
@@ -29,6 +30,7 @@ from pathlib import Path
 from statistics import median
 
 from commanded import answers, told
+from pauses import Pauses
 from served import LIDARBOOST, ROOT, ROS_SUBSCRIBER, listened, rig, served
 
 from drivers.recording import open_recording
@@ -117,24 +119,26 @@ def scan(folder: Path, seconds: float) -> Iterator[str]:
 def record(folder: Path, seconds: float) -> Iterator[str]:
     """Bursts of 15 frames of a camera that nothing turns, with pictures: every frame is to be recorded."""
     kept = folder / "kept"
-    summary, heard = served(
-        folder,
-        seconds,
-        *CAMERA,
-        "integration_time = 0.00475",
-        "[fusion]",
-        'method = "lidarboost"',
-        "[recording]",
-        "enabled = true",
-        f'directory = "{kept}"',
-        output=folder / "out",
-    )
+    with Pauses() as pauses:
+        summary, heard = served(
+            folder,
+            seconds,
+            *CAMERA,
+            "integration_time = 0.00475",
+            "[fusion]",
+            'method = "lidarboost"',
+            "[recording]",
+            "enabled = true",
+            f'directory = "{kept}"',
+            output=folder / "out",
+        )
     recorded = sum(open_recording(path).frame_count for path in kept.glob("*.mcap"))
     pictures = sum(1 for _ in (folder / "out").glob("*.png"))
     yield (
         f"record: {summary['frames']} frames, {summary['dropped_frames']} dropped by the camera (0), "
         f"{recorded} recorded; {summary['maps']} of {summary['bursts']} bursts fused, {len(heard)} maps "
-        f"received, {pictures} pictures; lost: {summary['lost'] or 'nothing'}"
+        f"received, {pictures} pictures; the machine paused for {1e3 * pauses.longest:.0f} ms at most; "
+        f"lost: {summary['lost'] or 'nothing'}"
     )
 
 

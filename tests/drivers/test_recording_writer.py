@@ -22,6 +22,7 @@ from drivers import RecordingError, StateError, StorageError, sr4000_calibration
 from drivers.calibration import Mount
 from drivers.messages import calibration_message, image_message
 from drivers.recording import (
+    Compression,
     Recording,
     RecordingWriter,
     attachments,
@@ -70,6 +71,20 @@ def test_calibration_is_attached_once(tmp_path):
     assert recording.topics["camera/calibration"].count == 2
     assert recording.path.read_bytes().count(b"distortion =") == 1
     assert recording.attachment(attachments.CALIBRATION) == sr4000_calibration().to_toml().encode()
+
+
+def test_a_quickly_compressed_recording_is_larger_and_holds_the_same(tmp_path):
+    frames = [make_frame(number) for number in range(20)]
+    for compression in Compression:
+        with RecordingWriter(tmp_path / f"{compression.name}.mcap", compression=compression) as writer:
+            for frame in frames:
+                writer.write_frame(frame, Mount())
+    small, quick = (tmp_path / f"{compression.name}.mcap" for compression in Compression)
+    assert small.stat().st_size < 0.95 * quick.stat().st_size
+    for path in small, quick:
+        read = list(open_recording(path).frames())
+        assert [frame.sequence for frame in read] == [frame.sequence for frame in frames]
+        assert all(np.array_equal(a.counts, b.counts) for a, b in zip(read, frames, strict=True))
 
 
 def test_size_grows_with_what_is_in_the_file(tmp_path):

@@ -1,10 +1,10 @@
-"""Bursts by a plan and from frames that carry their poses, through faults of the devices."""
+"""Bursts by a plan, through faults of the devices."""
 
 from threading import Event
 
-import numpy as np
 import pytest
-from scripted import PERIOD, ScriptedCamera, ScriptedStage, frame
+from capture_scene import SETTLE, FrozenStage, Scene
+from scripted import PERIOD, ScriptedStage, frame
 
 from drivers import (
     CameraSettings,
@@ -14,12 +14,9 @@ from drivers import (
     LimitError,
     NotAvailableError,
     OperationError,
-    Position,
-    RecordingError,
 )
 from drivers.clock import VirtualClock
 from drivers.simulated import SimulatedCamera
-from service.capture.carried import CarriedBursts
 from service.capture.control import Control
 from service.capture.grabber import Grabber
 from service.capture.rig import Rig
@@ -27,57 +24,7 @@ from service.capture.scan import ScanBursts
 from service.capture.series import Capture
 from service.config.sections import PlanSection
 from service.errors import MotionError
-from service.messages.burst import Burst
 from service.planning.plan import make_plan
-
-SETTLE = 0.05
-
-
-class FrozenStage(ScriptedStage):
-    """Says that it arrives, and reports 0° for ever."""
-
-    def _position(self) -> Position:
-        return Position(0.0, 0.0)
-
-
-class Scene:
-    """A rig of scripted devices, and what the capture showed."""
-
-    def __init__(
-        self,
-        camera_faults=None,
-        stage_faults=None,
-        carried=None,
-        frames=5,
-        settings=None,
-        kind=ScriptedStage,
-    ) -> None:
-        self.clock = VirtualClock(1_000_000_000)
-        self.camera = ScriptedCamera(self.clock, camera_faults, carried)
-        self.stage = kind(self.clock, stage_faults)
-        self.rig = Rig(self.camera, self.stage, self.clock, settings)
-        self.rig.open()
-        self.stop = Event()
-        self.shown: list[Frame] = []
-        self.grabber = Grabber(self.rig, 2.0, Control(self.stop), self.shown.append)
-        if carried is None:
-            self.plan = make_plan(PlanSection(), frames, self.rig.calibration.intrinsics)
-            bursts = ScanBursts(self.grabber, self.plan, SETTLE, 10.0)
-        else:
-            bursts = CarriedBursts(self.grabber, frames)
-        self.capture = Capture(self.grabber, bursts)
-
-    @property
-    def counts(self):
-        return self.capture.counts
-
-    def take(self, count: int) -> list[Burst]:
-        found = []
-        for burst in self.capture.run():
-            found.append(burst)
-            if len(found) == count:
-                break
-        return found
 
 
 def test_each_pose_is_reached_settled_and_stamped_with_the_reported_angles() -> None:
@@ -274,65 +221,6 @@ def test_stopping_ends_the_wait_for_a_lost_camera() -> None:
     assert scene.take(1) == []
 
 
-def carried(*bursts: tuple[int | None, int], first: int = 0) -> list[Frame]:
-    """Frames of (burst id, how many), numbered on."""
-    found: list[Frame] = []
-    for burst, count in bursts:
-        found += [
-            frame(
-                first + len(found) + k,
-                (len(found) + k) * PERIOD,
-                burst=burst,
-                pose=None if burst is None else k,
-                pan=0.001 * k,
-            )
-            for k in range(count)
-        ]
-    return found
-
-
-def test_recorded_bursts_are_cut_by_their_ids_and_keep_their_poses() -> None:
-    scene = Scene(carried=carried((7, 3), (8, 3), (9, 3)))
-    bursts = scene.take(9)
-    assert [(b.id, len(b.frames), b.missing) for b in bursts] == [(7, 3, 0), (8, 3, 0), (9, 3, 0)]
-    assert [f.pan for f in bursts[1].frames] == [0.0, 0.001, 0.002]
-    assert scene.stage.moves == []
-
-
-def test_frames_without_an_id_are_cut_by_number_and_the_last_burst_says_what_it_lacks() -> None:
-    bursts = Scene(carried=carried((None, 13)), frames=5).take(9)
-    assert [(b.id, len(b.frames), b.missing) for b in bursts] == [(0, 5, 0), (1, 5, 0), (2, 3, 2)]
-    assert [(f.burst, f.pose) for f in bursts[2].frames] == [(2, 0), (2, 1), (2, 2)]
-
-
-def test_a_shorter_last_burst_says_what_it_lacks() -> None:
-    bursts = Scene(carried=carried((0, 6), (1, 4))).take(9)
-    assert [b.missing for b in bursts] == [0, 2]
-
-
-def test_a_pause_in_a_recording_is_no_fault() -> None:
-    scene = Scene(carried=carried((0, 4)), camera_faults={2: DeviceTimeoutError("due in 3 s")})
-    (burst,) = scene.take(9)
-    assert len(burst.frames) == 4
-    assert scene.counts.lost == 0
-
-
-def test_frames_that_do_not_fit_together_are_bursts_of_their_own() -> None:
-    odd = np.zeros((5, 5), np.uint16)
-    scene = Scene(carried=[frame(0, burst=0), frame(1, burst=0, counts=odd, amplitude=odd)])
-    with pytest.raises(RecordingError, match=r"5 × 5 pixels; its calibration is for 4 × 6"):
-        scene.take(2)
-    bursts = Scene(carried=[frame(0, burst=0), frame(1, burst=0, ambiguity_range=5.0)]).take(2)
-    assert [[f.ambiguity_range for f in burst.frames] for burst in bursts] == [[7.5], [5.0]]
-
-
-def test_a_burst_of_frames_that_do_not_fit_together_is_refused() -> None:
-    frames = frame(0, burst=0), frame(1, burst=0, ambiguity_range=5.0)
-    calibration = Scene(carried=[]).rig.calibration
-    with pytest.raises(RecordingError, match=r"mixes ambiguity ranges of 7\.5 m and 5 m"):
-        Burst(0, frames, calibration, 2)
-
-
 class SetClock(VirtualClock):
     """One that somebody sets."""
 
@@ -344,7 +232,7 @@ class SetClock(VirtualClock):
 
 @pytest.mark.parametrize("moved", [-3600, 86_400])
 def test_a_clock_that_is_set_stamps_the_next_burst_and_disturbs_none(moved: int, monkeypatch) -> None:
-    monkeypatch.setattr("test_capture.VirtualClock", SetClock)
+    monkeypatch.setattr("capture_scene.VirtualClock", SetClock)
     scene = Scene()
     assert isinstance(scene.clock, SetClock)
     bursts = scene.capture.run()

@@ -22,7 +22,7 @@ from service.config.sections import (
 )
 from service.doctor import host, serial_ports, udev_rules, usb
 from service.doctor.cluster import check_cluster
-from service.doctor.host import check_clock, check_disk, check_zenoh
+from service.doctor.host import check_clock, check_disk, check_priority, check_zenoh
 from service.doctor.kernels import check_kernels
 from service.doctor.serial_ports import check_serial
 from service.doctor.usb import check_udev, check_usb, check_vendor_library
@@ -213,6 +213,17 @@ def test_clock(monkeypatch):
     assert (check.state, check.remedy) == ("problem", "sudo timedatectl set-ntp true")
 
 
+def test_who_may_not_go_first_is_told_how_to_be_let(monkeypatch):
+    def refuse(*_):
+        raise PermissionError
+
+    monkeypatch.setattr("os.setpriority", refuse)
+    check = only(check_priority(PLAIN))
+    assert (check.state, "LimitNICE=-15" in check.remedy) == ("warning", True)
+    monkeypatch.setattr("os.setpriority", lambda *_: None)
+    assert only(check_priority(PLAIN)).state == "ok"
+
+
 def test_command_says_everything_and_ends_with_the_verdict(tmp_path, monkeypatch):
     monkeypatch.setattr("drivers.listing.list_cameras", list)
     monkeypatch.setattr(serial_ports, "is_running", lambda _: False)
@@ -220,7 +231,7 @@ def test_command_says_everything_and_ends_with_the_verdict(tmp_path, monkeypatch
     config.write_text('[stage]\nbackend = "ptu"\noptions = { port = "/dev/no-such-port" }\n')
     done = CliRunner().invoke(app, ["doctor", "-c", str(config)])
     assert done.exit_code == 1
-    for name in ("USB", "udev rule", "vendor library", "serial port", "Zenoh", "kernels", "disk", "clock"):
+    for name in ("USB", "udev rule", "vendor library", "serial port", "Zenoh", "disk", "clock", "priority"):
         assert f" {name}: " in done.stdout
     assert "→ plug the stage in" in done.stdout
     as_json = json.loads(CliRunner().invoke(app, ["doctor", "-c", str(config), "--json"]).stdout)

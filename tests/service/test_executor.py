@@ -89,7 +89,7 @@ def test_a_stopped_process_is_noticed_and_costs_no_burst(started: LocalExecutor,
 
 
 def test_a_process_that_hangs_while_it_starts_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("service.fusion.deadline._LEAST_START", 10.0)
+    monkeypatch.setattr("service.fusion.deadline._LEAST_START", 15.0)
     executor = LocalExecutor(SETTINGS)
     try:
         executor.ready.result(120)

@@ -3,17 +3,20 @@
 import logging
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from threading import Event as Flag
 from threading import Thread
 
+import numpy as np
 import pytest
 from commanding import configuration
-from scripted import ScriptedCamera, ScriptedStage
+from scripted import SHAPE, ScriptedCamera, ScriptedStage
 from test_commands import HastyClock
 
-from drivers import Frame
+from drivers import Capabilities, Frame
 from drivers.recording import Recording
+from drivers.simulation.render import Truth
 from service.capture.rig import Rig
 from service.daemon.daemon import Daemon
 from service.daemon.last_resort import last_resort
@@ -76,11 +79,27 @@ class Opening(ScriptedCamera):
         super()._open()
 
 
+class Rendering(ScriptedCamera):
+    """Takes its time to render what is true, until it is let go."""
+
+    opens, let_go = Flag(), Flag()
+
+    def _capabilities(self) -> Capabilities:
+        return replace(super()._capabilities(), source="simulation")
+
+    def truth(self, upsampling: int) -> Truth:
+        self.opens.set()
+        self.let_go.wait(60)
+        image = np.ones((upsampling * SHAPE[0], upsampling * SHAPE[1]), np.float32)
+        return Truth(image, image, image)
+
+
+@pytest.mark.parametrize("kind", [Opening, Rendering])
 def test_a_device_that_is_being_opened_is_no_fault_and_costs_nothing(
-    tmp_path: Path, endpoint: str, caplog: pytest.LogCaptureFixture
+    kind: type[Opening | Rendering], tmp_path: Path, endpoint: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     clock = HastyClock(1_700_000_000_000_000_000)
-    camera = Opening(clock)
+    camera = kind(clock)
     recording = {"enabled": True, "directory": str(tmp_path / "kept")}
     settings = configuration(tmp_path, endpoint, start="scan", recording=recording)
     ended, lost, daemons = Flag(), list[str](), list[Daemon]()

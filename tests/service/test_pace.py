@@ -1,5 +1,7 @@
 """The capture waits for a fusion that is slower, and for no longer."""
 
+from statistics import median
+
 import pytest
 
 from service.capture.pace import Pace
@@ -46,6 +48,17 @@ def test_bursts_come_as_fast_as_a_slower_fusion_takes_them_and_none_waits() -> N
     waits = [rig.burst() for _ in range(20)]
     assert waits[5:] == pytest.approx([1.5] * 15)
     assert rig.late[5:] == pytest.approx([2.5] * 15)
+
+
+def test_where_the_fusion_takes_now_more_now_less_a_burst_waits_for_nothing_as_a_rule() -> None:
+    rig = Rig(capturing=1.0, fusing=2.5)
+    waited = []
+    for number in range(60):
+        rig.fusing = (2.4, 2.6, 2.5, 2.55, 2.45, 2.6, 2.4)[number % 7]
+        rig.burst()
+        waited.append(rig.late[-1] - rig.fusing)
+    assert median(waited[5:]) < 1e-9
+    assert rig.ends[-1] - rig.ends[5] < 54 * 2.6
 
 
 def test_few_wait_for_a_first_one_that_takes_long() -> None:

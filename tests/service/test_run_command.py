@@ -83,6 +83,22 @@ def test_what_was_done_is_said_with_units(small: Path) -> None:
     assert result.stderr.count("burst 2: 4 of 4 frames; 24 × 16 pixels; nearest; median deviation") == 1
 
 
+def test_what_was_imported_is_left_out_of_collections_before_the_first_frame(
+    small: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from drivers.replay import ReplayCamera
+
+    done: list[str] = []
+    grab = ReplayCamera.grab
+    monkeypatch.setattr("gc.freeze", lambda: done.append("freeze"))
+    monkeypatch.setattr(
+        ReplayCamera, "grab", lambda self, timeout: (done.append("grab"), grab(self, timeout))[1]
+    )
+    assert lidarboost("run", "--replay", small, "--once").exit_code == 0
+    assert done[:2] == ["freeze", "grab"]
+    assert done.count("freeze") == 1
+
+
 def test_a_torn_recording_is_fused_as_far_as_it_goes_and_the_loss_is_told(tmp_path: Path) -> None:
     frames = [frame(k, 10**18 + k * 10**8, burst=k // 4, pose=k % 4) for k in range(12)]
     whole = tmp_path / "whole.mcap"
