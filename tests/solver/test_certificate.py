@@ -46,7 +46,7 @@ def solve(objective: cp.Expression, solver: str) -> float:
 
 
 def run(term: Term, first: np.ndarray) -> Outcome:
-    return minimise(term, Prior(), start(first), tolerance=1e-13, limit=3000, rounding=1e-5)
+    return minimise(term, Prior(), start(first), tolerance=1e-13, limit=10_000, rounding=1e-5)
 
 
 @pytest.mark.parametrize("solver", ["CLARABEL", "SCS"])
