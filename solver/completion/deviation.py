@@ -17,7 +17,7 @@ from solver.options import SINGLE
 from solver.preparation.problem import Problem, Solution
 from solver.runtime import team
 
-_LEVEL, _SLOPED = (0.36, 0.15, 0.23), {"area": (0.18, 0.03, 0.03)}
+_LEVEL, _SLOPED = (0.36, 0.15, 0.23), {"area": (0.18, 0.03, 0.15)}
 """Floor, share of σ / λ, and b: for a prior of first order, and by method for one that lets ramps pass."""
 
 _INFORMED = (0.09, 0.5)
