@@ -74,7 +74,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     distance = cropped(outcome.state.x, problem.fused_shape)[0] * np.float32(strength) + np.float32(middle)
     if problem.consensus is not None:
         deviation = problem.usual_deviation if problem.noise else 0.0
-        problem.consensus.limit(distance, deviation)
+        problem.consensus.limit(distance, deviation, mixed=problem.ambiguity_range is not None)
     return Solution(
         distance,
         None,

@@ -33,8 +33,10 @@ LOST = 12.0
 _GAP = 5
 """Pixels across which samples left out are joined: at an edge behind somebody, too much is allowed."""
 
-_SWING = (1.25, 3.0)
-"""What a map may swing to beside edges: high − low from the middle, and deviations."""
+_SWING, _MIXED_SWING = (1.5, 3.0), (0.8, 3.0)
+"""What a map may swing to beside edges: high − low from the middle, and deviations. Where samples average
+distances, at most one fused pixel in five hundred lies beyond the first without wrong samples. Where they
+average phasors, more explains what shares were not known: thin things need the second."""
 
 _FEW = 500
 """One of so many samples of a frame may be judged anew without the frame being exchanged for it."""
@@ -122,18 +124,20 @@ class Consensus:
         """The part of the valid samples that the others contradict."""
         return float(self._against.sum() / max(1, self._valid.sum()))
 
-    def limit(self, distance: Image, deviation: float) -> None:
+    def limit(self, distance: Image, deviation: float, mixed: bool) -> None:
         """Bring a map (βH, βW) that swings far beyond what the frames say back to where that begins.
 
         Args:
             deviation: of the usual sample.
+            mixed: whether samples average phasors, not distances.
         """
+        swing = _MIXED_SWING if mixed else _SWING
         with np.errstate(invalid="ignore"):  # −∞ + ∞: no bounds
             middle, reach = (
                 0.5 * (self.bounds[0] + self.bounds[1]),
-                _SWING[0] * (self.bounds[1] - self.bounds[0]),
+                swing[0] * (self.bounds[1] - self.bounds[0]),
             )
-        reach += np.float32(_SWING[1] * deviation)
+        reach += np.float32(swing[1] * deviation)
         factor = len(distance) // len(self.bounds[0])
         team.share(kernels.limit, distance, middle - reach, middle + reach, factor)
 

@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.kernels import unmixing as kernels
+from solver.kernels import shares as kernels
 from solver.runtime import team
 
 Image = NDArray[np.float32]
