@@ -1,5 +1,6 @@
 """The battery's door: what tunes gets no scene that is only reported on; and what it measures."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -11,6 +12,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks" / "battery"))
 import catalogue
 import measures
 import rig
+import table
 
 from solver import FusionOptions, fuse
 
@@ -57,3 +59,11 @@ def test_auto_errs_least_in_the_mean_and_area_less_than_one_frame(view, amplitud
     assert errors["area"][1] < 0.85 * errors["lidarboost"][1]
     if amplitude:
         assert (errors["auto"] < 0.95 * errors["area"]).all()
+
+
+@pytest.mark.parametrize("condition", ["base", "noise/4", "N=60"])
+def test_on_no_scene_was_area_found_to_err_more_than_one_frame(condition):
+    rows = json.loads((Path(catalogue.__file__).parent / "results" / "unmixed.json").read_text())["rows"]
+    ratios = table.against_nearest(rows, condition, "area")
+    assert set(ratios) == set(catalogue.SCENES)
+    assert np.max(list(ratios.values())) < 0.85
