@@ -91,13 +91,13 @@ def judge(rank, size, measured, sigma, positions, bounds, slack, ambiguity, agre
     places = np.empty(columns, np.int32)
     for line in range(rank * frames * rows // size, (rank + 1) * frames * rows // size):
         k, i = line // rows, line % rows
-        _find(positions[k, i], rows, columns, places)
+        find(positions[k, i], rows, columns, places)
         own = measured[k, i], sigma[k, i]
         against[k, i] = _judge_row(own, places, low, high, slack, ambiguity, agrees[k, i])
 
 
 @njit
-def _find(positions, rows, columns, places):  # type: ignore[no-untyped-def]
+def find(positions, rows, columns, places):  # type: ignore[no-untyped-def]
     """places ← the flat number of the pixel of the grid under each sample of a row, −1 outside."""
     half = np.float32(0.5)
     for j in range(places.size):

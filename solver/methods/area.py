@@ -2,8 +2,10 @@
 
     E(X) = Σ_k ‖Ω_k^½ (y_k − A_k X)‖² + λ Σ ‖∇X‖₂
 
-Ω weighs samples by their noise, relative to the median's, so that λ stays in units of distance. E is solved
-once; two more passes know its edges and slopes (see `solver.optimisation.reweighting`).
+y are distances, those at edges as they would be if a pixel averaged distances where it averages phasors (see
+`solver.preparation.unmixing`). Ω weighs samples by their noise, relative to the median's, so that λ stays in
+units of distance. E is solved once; two more passes know its edges and slopes (see
+`solver.optimisation.reweighting`).
 """
 
 from functools import partial
@@ -17,6 +19,7 @@ from solver.optimisation.padding import cropped
 from solver.optimisation.prior import Prior
 from solver.optimisation.reweighting import Reweighting, Trail, Unit, minimise_reweighted, resume
 from solver.optimisation.ties import Tied
+from solver.preparation.consensus import LOST
 from solver.preparation.noise import relief
 from solver.preparation.problem import Problem, Solution
 from solver.result import Progress
@@ -55,12 +58,9 @@ _OUTVOTED = 0.08
 """Of the map: with more swings, and of two frames, what the map leaves over tells wrong samples by chance.
 A mirrored frame among ten makes half as many, and is to be distrusted."""
 
-_MOST = 4.0
-"""Weight of the brightest samples: mixing at edges, not noise, is what still brighter ones are wrong by."""
-
-_LOST = 12.0
-"""Samples with a deviation over a twelfth of the ambiguity range are left out: noise wraps their phase, and
-what wraps errs by whole ranges."""
+_LEAST = 0.5
+"""Of the usual deviation, the least that counts: it is mixing at edges, not noise, that brighter samples are
+wrong by."""
 
 
 def solve(problem: Problem, *, initial: Solution | None = None, progress: Progress | None = None) -> Solution:
@@ -117,10 +117,15 @@ def _resume(problem: Problem, trail: Trail) -> Outcome:
 
 def _samples(problem: Problem, unit: Unit, frames: slice) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Values (1, n, H, W) in units of λ and weights (n, H, W) of n frames."""
-    distance = problem.distance[frames]
+    distance, sigma = problem.distance[frames], problem.sigma[frames]
+    least = np.float32(_LEAST * problem.usual_deviation)
+    if problem.unmixing is None:
+        sigma = np.maximum(sigma, least)
+    else:
+        distance, sigma = problem.unmixing.means(distance, sigma, problem.positions[frames], least)
     used = np.isfinite(distance)
     scaled = (distance - np.float32(unit.offset)) * np.float32(1 / unit.scale)
-    return np.where(used, scaled, np.float32(0))[None], _weights(problem, used, frames)
+    return np.where(used, scaled, np.float32(0))[None], _weights(problem, used, sigma)
 
 
 def _plan(problem: Problem, term: AreaTerm, strength: float) -> Reweighting:
@@ -155,14 +160,14 @@ def _strength(problem: Problem, used: NDArray[np.bool_]) -> float:
     return float(np.hypot(noise * np.sqrt(noise / (_NOISE * steps)), _CLEAN * extent))
 
 
-def _weights(problem: Problem, used: NDArray[np.bool_], frames: slice) -> NDArray[np.float32]:
-    usual, sigma = problem.usual_deviation, problem.sigma[frames]
+def _weights(problem: Problem, used: NDArray[np.bool_], sigma: NDArray[np.float32]) -> NDArray[np.float32]:
+    usual = problem.usual_deviation
     if not problem.noise or not _any_within(problem, used & np.isfinite(sigma), np.inf):
         return used.astype(np.float32)
     if problem.ambiguity_range is not None:
-        kept = used & (sigma <= problem.ambiguity_range / _LOST)
-        used = kept if _any_within(problem, kept, problem.ambiguity_range / _LOST) else used
-    return np.where(used, np.minimum((usual / sigma) ** 2, _MOST), 0).astype(np.float32)
+        kept = used & (sigma <= problem.ambiguity_range / LOST)
+        used = kept if _any_within(problem, kept, problem.ambiguity_range / LOST) else used
+    return np.where(used, (usual / sigma) ** 2, 0).astype(np.float32)
 
 
 def _any_within(problem: Problem, kept: NDArray[np.bool_], most: float) -> bool:

@@ -27,17 +27,16 @@ _SLACK = (1.0, 5.0, 1e-6)
 several noise levels and from 3 frames up, have at most 28 samples in a burst beyond it, most of them on the
 dark print; half as much beyond the bounds takes 20 true ones off the thin wedges."""
 
-_LOST = 12.0
+LOST = 12.0
 """A sample that deviates by over a twelfth of the ambiguity range may say anything: it has no vote."""
 
 _GAP = 5
 """Pixels across which samples left out are joined: at an edge behind somebody, too much is allowed."""
 
-_SWING, _MIXED_SWING = (1.5, 3.0), (0.5, 3.0)
+_SWING, _MIXED_SWING = (1.5, 3.0), (0.8, 3.0)
 """What a map may swing to beside edges: high − low from the middle, and deviations. Where samples average
-distances, at most one fused pixel in five hundred lies beyond the first without wrong samples, and no error
-grows by more than 2 %. Where they average phasors, what would explain them lies beyond what is there, the
-further the less noise there is; the second is what the frames say and no more."""
+distances, at most one fused pixel in five hundred lies beyond the first without wrong samples. Where they
+average phasors, more explains what shares were not known: thin things need the second."""
 
 _FEW = 500
 """One of so many samples of a frame may be judged anew without the frame being exchanged for it."""
@@ -49,6 +48,7 @@ class Consensus:
     Attributes:
         measured: (N, H, W) float32, NaN = invalid.
         agrees: (N, H, W).
+        bounds: two of (H, W), the least and the greatest distance around; ∓∞ = not known.
     """
 
     def __init__(
@@ -65,9 +65,9 @@ class Consensus:
         self.measured, self.agrees = measured, np.empty(shape, np.bool_)
         self._sigma, self._positions = sigma, positions
         self._ambiguity = np.float32((ambiguity_range or 0.0) if wraps else 0.0)
-        self._most = np.float32(ambiguity_range / _LOST if ambiguity_range else np.finfo(np.float32).max)
+        self._most = np.float32(ambiguity_range / LOST if ambiguity_range else np.finfo(np.float32).max)
         self._planes = np.empty(shape, np.float32)
-        self._low, self._high = np.empty(shape[1:], np.float32), np.empty(shape[1:], np.float32)
+        self.bounds = np.empty(shape[1:], np.float32), np.empty(shape[1:], np.float32)
         self._valid, self._against = np.zeros(len(measured), np.int64), np.zeros(len(measured), np.int64)
         self._align(slice(None))
         self._survey()
@@ -98,17 +98,17 @@ class Consensus:
         team.share_frames(len(samples[0]), kernels.align, *samples, self._planes[frames])
 
     def _survey(self) -> None:
-        team.share(kernels.medians, self._planes, MAJORITY, self._low, self._high)
+        team.share(kernels.medians, self._planes, MAJORITY, self.bounds[0], self.bounds[1])
         around = np.ones((3, 3), np.uint8)
-        cv2.erode(self._low, around, dst=self._low)
-        cv2.dilate(self._high, around, dst=self._high)
+        cv2.erode(self.bounds[0], around, dst=self.bounds[0])
+        cv2.dilate(self.bounds[1], around, dst=self.bounds[1])
 
     def _judge(self, frames: slice) -> None:
         agrees, measured = self.agrees[frames], self.measured[frames]
         against = np.empty(measured.shape[:2], np.int32)
         samples = measured, self._sigma[frames], self._positions[frames]
         slack = tuple(np.float32(part) for part in _SLACK)
-        law = (self._low, self._high), slack, self._ambiguity
+        law = self.bounds, slack, self._ambiguity
         team.share_frames(len(measured), kernels.judge, *samples, *law, agrees, against)
         for number in np.flatnonzero(against.any(axis=1)):
             agrees[number] = ~_closed(~agrees[number])
@@ -133,9 +133,12 @@ class Consensus:
         """
         swing = _MIXED_SWING if mixed else _SWING
         with np.errstate(invalid="ignore"):  # −∞ + ∞: no bounds
-            middle, reach = 0.5 * (self._low + self._high), swing[0] * (self._high - self._low)
+            middle, reach = (
+                0.5 * (self.bounds[0] + self.bounds[1]),
+                swing[0] * (self.bounds[1] - self.bounds[0]),
+            )
         reach += np.float32(swing[1] * deviation)
-        factor = len(distance) // len(self._low)
+        factor = len(distance) // len(self.bounds[0])
         team.share(kernels.limit, distance, middle - reach, middle + reach, factor)
 
 

@@ -11,7 +11,8 @@ from solver.optimisation.factored import Factored
 from solver.optimisation.reweighting import Trail
 from solver.options import FusionOptions
 from solver.preparation import noise as noise_law
-from solver.preparation.consensus import Consensus
+from solver.preparation.consensus import LOST, Consensus
+from solver.preparation.unmixing import Unmixing
 from solver.result import Progress
 from solver.runtime import team
 
@@ -96,6 +97,14 @@ class Problem:
     def spread(self) -> float:
         """The scene's range of distances, see `solver.preparation.noise`; at first, where frames change."""
         return noise_law.spread(self.distance)
+
+    @cached_property
+    def unmixing(self) -> Unmixing | None:
+        """How samples are mixed, where they average phasors; as it was at first, where frames change."""
+        if self.consensus is None or self.ambiguity_range is None:
+            return None
+        samples = self.consensus.measured, self.sigma, self.positions
+        return Unmixing(*samples, self.consensus.bounds, self.ambiguity_range / LOST)
 
 
 @dataclass(frozen=True, slots=True)

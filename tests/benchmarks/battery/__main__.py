@@ -2,15 +2,16 @@
 
 A table by scene for each condition (RMS / mean absolute error, mm; everywhere, away from edges, at edges, at
 borders) with the ratios to the limit, which is what a noise-free camera of the fused resolution errs by;
-consistency, what happens with better data; and metrology. An unknown cell counts 0.5 m. Scenes with * may be
-tuned with; ratios are geometric means over scenes whose limit exceeds 1 mm RMS. `--quick`: five scenes, one
-seed, no metrology.
+consistency, what happens with better data; where one frame errs less; and metrology. An unknown cell counts
+0.5 m. Scenes with * may be tuned with; ratios are geometric means over scenes whose limit exceeds 1 mm RMS.
+`--quick`: five scenes, one seed, no metrology.
 
 `results/` holds rows of one seed or two: `unfactored.json` with one prior on real and imaginary part in
 `phasor`, `factored.json` since amplitude and distance have their own, `faster.json` (scenes reported on, no
 `area`) since it has four pairs, ten steps and a slope that follows blunt steps, `tilted.json` since the slope
-is that of 1 / distance, `settled.json` since cells go to the side that has more of them; `conditions.json`
-other conditions on six scenes.
+is that of 1 / distance, `settled.json` since cells go to the side that has more of them, `unmixed.json`
+(`nearest` and `area`) since `area` takes mixed samples as means; `conditions.json` other conditions on six
+scenes.
 """
 
 import argparse

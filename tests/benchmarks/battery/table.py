@@ -35,6 +35,7 @@ def show(
         for condition in dict.fromkeys(row["condition"] for row in rows):
             _show_scenes(rows, condition, methods, tuned)
         _show_consistency(rows, methods)
+        _show_lost(rows, methods)
     if metrology:
         print("\nmetrology" + " " * 21 + "".join(f"{name:>12}" for name in metrology))
         for name in next(iter(metrology.values())):
@@ -117,3 +118,27 @@ def _show_consistency(rows: list[Row], methods: list[str]) -> None:
                 f"{scene} {rise:.2f}" for scene, rise in sorted(worse.items(), key=lambda x: -x[1])
             )
             print(f"{condition:<9} {method:<11} {len(worse)} of {len(rises)}  {text}")
+
+
+def _show_lost(rows: list[Row], methods: list[str]) -> None:
+    """Where a method errs by more than one frame does."""
+    if "nearest" not in methods:
+        return
+    print("\nscenes whose RMS or mean error is above that of `nearest` (RMS, mean: times as much)")
+    for condition in dict.fromkeys(row["condition"] for row in rows):
+        for method in methods:
+            ratios = against_nearest(rows, condition, method)
+            worse = [f"{scene} {a:.2f}, {b:.2f}" for scene, (a, b) in ratios.items() if max(a, b) > 1]
+            if method != "nearest":
+                print(f"{condition:<9} {method:<11} {len(worse)} of {len(ratios)}  {'; '.join(worse)}")
+
+
+def against_nearest(rows: list[Row], condition: str, method: str) -> dict[str, tuple[float, float]]:
+    """RMS and mean error by scene, in units of those of `nearest`."""
+    found = {}
+    for scene in dict.fromkeys(row["scene"] for row in rows):
+        own, one = (pick(rows, scene, condition, m) for m in (method, "nearest"))
+        if own and one:
+            a, b = (mean(own, name) / mean(one, name) for name in ("rms_all", "mean_all"))
+            found[scene] = a, b
+    return found
