@@ -20,7 +20,7 @@ from solver.runtime import team
 _LEVEL, _SLOPED = (0.36, 0.15, 0.23), {"area": (0.18, 0.03, 0.03)}
 """Floor, share of σ / λ, and b: for a prior of first order, and by method for one that lets ramps pass."""
 
-_INFORMED = (0.09, 0.5)
+_INFORMED = (0.083, 1.0)
 """a and b where a method knows its variance, and ∇∇X in the place of ∇X: such a one lets ramps pass, and with
 ∇X the deviation of a floor that runs away is far too large."""
 
