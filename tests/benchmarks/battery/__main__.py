@@ -9,8 +9,8 @@ seed, no metrology.
 `results/` holds rows of one seed or two: `unfactored.json` with one prior on real and imaginary part in
 `phasor`, `factored.json` since amplitude and distance have their own, `faster.json` (scenes reported on, no
 `area`) since it has four pairs, ten steps and a slope that follows blunt steps, `tilted.json` since the slope
-is that of 1 / distance, `settled.json` since cells go to the side that has more of them; `conditions.json`
-other conditions on six scenes.
+is that of 1 / distance, `settled.json` since cells go to the side that has more of them, `folded.json`
+(`phasor` alone) since slopes are taken by side; `conditions.json` other conditions on six scenes.
 """
 
 import argparse
