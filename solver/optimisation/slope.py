@@ -41,7 +41,7 @@ def slope(
         weight: (rows + 4, columns + 4), of each pixel's say; None = 1.
 
     Returns:
-        (C, 2, rows + 4, columns + 4), zero in the padding.
+        (C, 2, rows + 4, columns + 4), in the measure per pixel, zero in the padding.
     """
     channels, rows, columns = len(x), x.shape[1] - 4, x.shape[2] - 4
     before = np.zeros((channels, 2, *x.shape[1:]), x.dtype) if before is None else before
@@ -51,7 +51,7 @@ def slope(
     votes = np.empty((1 + 2 * channels, (rows + 1) // 2, (columns + 1) // 2), x.dtype)
     team.share(kernels.votes, x, before, measure, weight, x.dtype.type(1 / edge**2), taps, votes)
     out: NDArray[np.floating] = np.empty((channels, 2, *x.shape[1:]), x.dtype)
-    team.share(kernels.slopes, votes, measure, taps, x.dtype.type(np.finfo(np.float32).tiny), out)
+    team.share(kernels.slopes, votes, taps, x.dtype.type(np.finfo(np.float32).tiny), out)
     return out
 
 
