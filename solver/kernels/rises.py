@@ -1,6 +1,6 @@
 """The slope of a map, by rows: every pixel's rise, averaged over its surroundings at half the resolution.
 
-Rises are divided by a `measure` of their own pixel before they are averaged, the mean is multiplied by it.
+Rises are divided by a `measure` of their own pixel before they are averaged.
 """
 
 import numpy as np
@@ -111,21 +111,20 @@ def _between(a, b, near, line, out):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=True, error_model="numpy")
-def _divide(a, b, tiny, measure, out):  # type: ignore[no-untyped-def]
+def _divide(a, b, tiny, out):  # type: ignore[no-untyped-def]
     for j in range(out.size):
-        out[j] = measure[j] * a[j] / (b[j] + tiny)
+        out[j] = a[j] / (b[j] + tiny)
 
 
 @njit(nogil=True, cache=True)
-def slopes(rank, size, votes, measure, taps, tiny, out):  # type: ignore[no-untyped-def]
+def slopes(rank, size, votes, taps, tiny, out):  # type: ignore[no-untyped-def]
     """out (C, 2, rows + 4, columns + 4) ← the mean rise by row and by column, 0 in the padding; by a team.
 
     Args:
         votes: (1 + 2 C, half rows, half columns), as `votes` leaves them, still to be averaged across rows.
-        measure: (rows + 4, columns + 4), padded by 2.
         taps: (taps,), of the mean, symmetric.
         tiny: more than no say at all.
-        out: (C, 2, rows + 4, columns + 4), in the map's unit per pixel.
+        out: (C, 2, rows + 4, columns + 4), in the measure per pixel.
     """
     channels, rows, n = out.shape[0], out.shape[2] - 4, out.shape[3] - 4
     images, half_rows, half = votes.shape
@@ -154,7 +153,7 @@ def slopes(rank, size, votes, measure, taps, tiny, out):  # type: ignore[no-unty
             for axis in range(2):
                 target = out[c, axis, row + 2]
                 _between(upper[1 + 2 * c + axis], lower[1 + 2 * c + axis], share, line, vote)
-                _divide(vote, total, tiny, view(measure, (row + 2,), 2, n), target[2 : 2 + n])
+                _divide(vote, total, tiny, target[2 : 2 + n])
                 target[:2] = 0
                 target[2 + n :] = 0
     for c in range(channels):
@@ -163,3 +162,71 @@ def slopes(rank, size, votes, measure, taps, tiny, out):  # type: ignore[no-unty
                 out[c, axis, :2] = 0
             if rank == size - 1:
                 out[c, axis, rows + 2 :] = 0
+
+
+@njit
+def _repeat_ends(lines, away):  # type: ignore[no-untyped-def]
+    """The ends of (2, n + 2 away) are those of what lies between."""
+    for axis in range(2):
+        line = lines[axis]
+        line[:away] = line[away]
+        line[line.size - away :] = line[line.size - away - 1]
+
+
+@njit(fastmath=True, error_model="numpy")
+def _hear(rises, by_row, by_column, measure, scale, sums):  # type: ignore[no-untyped-def]
+    """sums (3, n) += 1 / (1 + scale · (rise − slope)²)², and both slopes, in `measure`, times it."""
+    down, right, total, first, second = rises[0], rises[1], sums[0], sums[1], sums[2]
+    one = sums.dtype.type(1)
+    for j in range(down.size):
+        p, q = measure[j] * by_row[j], measure[j] * by_column[j]
+        u, v = down[j] - p, right[j] - q
+        part = one + scale * (u * u + v * v)
+        share = one / (part * part)
+        total[j] += share
+        first[j] += share * p
+        second[j] += share * q
+
+
+@njit(nogil=True, cache=True)
+def choose(rank, size, x, slopes, measure, away, scale, out):  # type: ignore[no-untyped-def]
+    """out ← the mean of the slopes here and `away` in each direction, by how well they agree; by a team.
+
+    Args:
+        x: (rows + 4, columns + 4), a map padded by 2, any unit, of which each pixel's own rise is taken.
+        slopes: (2, rows + 4, columns + 4), its mean rise by row and by column, in the measure per pixel.
+        measure: (rows + 4, columns + 4), in which slopes of one surface are the same.
+        away: pixels.
+        scale: 1 / edge²; a slope counts 1 / (1 + scale · (rise − slope)²)².
+        out: (2, rows + 4, columns + 4), in the map's unit per pixel, 0 in the padding.
+    """
+    rows, n, kind = x.shape[0] - 4, x.shape[1] - 4, x.dtype.type
+    rises, sums = np.zeros((2, n), x.dtype), np.zeros((3, n), x.dtype)
+    lines = np.zeros((2, n + 2 * away), x.dtype)
+    for row in range(rank * rows // size, (rank + 1) * rows // size):
+        i, last = min(row, max(0, rows - 2)), max(n - 1, 1)
+        if rows > 1:
+            _subtract(x[i + 3, 2 : 2 + n], x[i + 2, 2 : 2 + n], rises[0])
+        _subtract(x[row + 2, 3 : 2 + n], x[row + 2, 2 : 1 + n], rises[1, : n - 1])
+        rises[1, last:] = rises[1, last - 1]
+        sums[:] = 0
+        own = view(measure, (row + 2,), 2, n)
+        for down in (-away, away, 0):
+            there = min(max(row + down, 0), rows - 1) + 2
+            by_row, by_column = view(slopes, (0, there), 2, n), view(slopes, (1, there), 2, n)
+            _hear(rises, by_row, by_column, own, kind(scale), sums)
+        for axis in range(2):
+            lines[axis, away : away + n] = slopes[axis, row + 2, 2 : 2 + n]
+        _repeat_ends(lines, away)
+        for by in (0, 2 * away):
+            _hear(rises, lines[0, by : by + n], lines[1, by : by + n], own, kind(scale), sums)
+        for axis in range(2):
+            target = out[axis, row + 2]
+            target[:2] = 0
+            target[2 + n :] = 0
+            _divide(sums[1 + axis], sums[0], kind(0), target[2 : 2 + n])
+    for axis in range(2):
+        if rank == 0:
+            out[axis, :2] = 0
+        if rank == size - 1:
+            out[axis, rows + 2 :] = 0

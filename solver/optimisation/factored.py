@@ -27,7 +27,7 @@ from solver.kernels import newton, pairs
 from solver.kernels.group import PAD
 from solver.optimisation.footprint import AreaTerm
 from solver.optimisation.padding import padded
-from solver.optimisation.slope import slope
+from solver.optimisation.slope import agreed, slope
 from solver.options import NEIGHBOURHOOD, Offset
 from solver.runtime import team
 
@@ -59,9 +59,13 @@ _EDGE, _EDGE_BLUNT = 0.001 * _USUAL, 0.9
 has no say in the tilt; times this power of the bluntness. Counted from the tilt, not from level, so that a
 steep floor has its say and the rim of a stair, smeared over some pixels, has none."""
 
-_REACH = 2.5
+_REACH = 2.0
 """Low-resolution pixels over which the slope is averaged, at the noise `_CALM`, times the fourth root of the
 noise: a mean over h errs by h² where the scene is curved, and by σ / h² of its noise."""
+
+_AWAY, _AGREED = 1.5, 0.5
+"""How far to the side the windows are whose slopes a pixel may take, in units of that reach, and how far from
+the slope its own rise may be, in units of an edge."""
 
 _VOTING = 10.0
 """Deviations of |Z| at which a pixel has half a say in the tilt. Without, the noise around what has
@@ -93,15 +97,16 @@ class Step:
     rounds: int
 
 
-def schedule(steps: int, falling: int, rounds: int) -> tuple[Step, ...]:
-    """From 300 times δ, 0.6 m, to twice δ in so many falling steps, the others there, but the last at δ."""
-    blunt = [2 * 150 ** (1 - min(1.0, number / falling)) for number in range(steps - 1)]
-    return tuple(Step(factor, rounds) for factor in (*blunt, 1.0))
+def schedule(falling: int, staying: int) -> tuple[Step, ...]:
+    """From 300 times δ, 0.6 m, down to twice δ in so many falling steps, so many there, and one at δ."""
+    fall = [Step(2 * 150 ** (1 - number / falling), 12 if number < 6 else 14) for number in range(falling)]
+    return (*fall, *[Step(2.0, 14)] * staying, Step(1.0, 14))
 
 
-SCHEDULE = schedule(10, 7, 14)
-"""Half as many rounds again gain next to nothing. Without the sharper last step surfaces keep noise that δ
-takes for relief; with two of them steps of a few centimetres are sharper and curved walls are bent."""
+SCHEDULE = schedule(7, 4)
+"""Steps count for more than rounds: in each of them the tilt carries what one window knows to the next, which
+dim surfaces need. Without the sharper last step surfaces keep noise that δ takes for relief; with two of them
+steps of a few centimetres are sharper and curved walls are bent."""
 
 
 @dataclass(slots=True)
@@ -179,7 +184,8 @@ class Factored:
     def _find_tilt(self, blunt: float) -> Image:
         """(1, 2, rows + 4, columns + 4): what the surroundings foretell of φ's rise by row and by column."""
         edge, image = _EDGE * blunt**_EDGE_BLUNT, self.state[1:]
-        return slope(image, edge, self._reach, before=self._tilt, measure=self._square, weight=self._lit)
+        means = slope(image, edge, self._reach, before=self._tilt, measure=self._square, weight=self._lit)
+        return agreed(image, means, _AGREED * edge, round(_AWAY * self._reach), self._square)
 
     def _laws(self, blunt: float) -> tuple[NDArray[np.float64], tuple[float, ...], tuple[float, ...]]:
         factors = [float(o in self.neighbourhood) / np.hypot(*o) for o in NEIGHBOURHOOD[: pairs.PAIRS]]

@@ -41,7 +41,7 @@ def slope(
         weight: (rows + 4, columns + 4), of each pixel's say; None = 1.
 
     Returns:
-        (C, 2, rows + 4, columns + 4), zero in the padding.
+        (C, 2, rows + 4, columns + 4), in the measure per pixel, zero in the padding.
     """
     channels, rows, columns = len(x), x.shape[1] - 4, x.shape[2] - 4
     before = np.zeros((channels, 2, *x.shape[1:]), x.dtype) if before is None else before
@@ -51,5 +51,29 @@ def slope(
     votes = np.empty((1 + 2 * channels, (rows + 1) // 2, (columns + 1) // 2), x.dtype)
     team.share(kernels.votes, x, before, measure, weight, x.dtype.type(1 / edge**2), taps, votes)
     out: NDArray[np.floating] = np.empty((channels, 2, *x.shape[1:]), x.dtype)
-    team.share(kernels.slopes, votes, measure, taps, x.dtype.type(np.finfo(np.float32).tiny), out)
+    team.share(kernels.slopes, votes, taps, x.dtype.type(np.finfo(np.float32).tiny), out)
+    return out
+
+
+def agreed(
+    x: NDArray[np.floating],
+    slopes: NDArray[np.floating],
+    edge: float,
+    away: int,
+    measure: NDArray[np.floating],
+) -> NDArray[np.floating]:
+    """Slopes of the windows that each pixel agrees with: beside a fold those of its own side.
+
+    A window about a pixel reaches over a fold, where two surfaces meet, and foretells a slope that neither
+    has. One that lies to the side does not (Nagao, Matsuyama, "Edge preserving smoothing", CGIP 1979).
+
+    Args:
+        x: (1, rows + 4, columns + 4), padded.
+        slopes: (1, 2, rows + 4, columns + 4), of windows about each pixel, as `slope` gives them.
+        edge: how far from a window's slope a gradient is hardly of its surface.
+        away: how far to the side windows are, fused pixels.
+        measure: as in `slope`.
+    """
+    out = np.empty_like(slopes)
+    team.share(kernels.choose, x[0], slopes[0], measure, away, x.dtype.type(1 / edge**2), out[0])
     return out

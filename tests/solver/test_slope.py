@@ -9,7 +9,7 @@ from solver.kernels.smoothing import gaussian
 from solver.optimisation.footprint import AreaTerm
 from solver.optimisation.memory_gradient import minimise
 from solver.optimisation.prior import Prior, level
-from solver.optimisation.slope import slope
+from solver.optimisation.slope import agreed, slope
 from solver.optimisation.term import start
 from solver.options import Footprint
 
@@ -93,7 +93,8 @@ def test_an_edge_differs_from_the_slope_that_was_found_before() -> None:
 def test_the_slope_of_the_inverse_of_a_distance_is_that_of_a_plane() -> None:
     row = np.mgrid[:40, :60][0]
     distance = padded(1 / (0.5 - 0.01 * row)[None])
-    found = slope(distance, edge=1e3, reach=4.0, measure=np.square(distance[0]) + np.float32(1e-6))
+    measure = np.square(distance[0]) + np.float32(1e-6)
+    found = measure * slope(distance, edge=1e3, reach=4.0, measure=measure)
     exact = 0.01 * distance[0] ** 2
     inner = np.s_[14:-14, 14:-14]
     np.testing.assert_allclose(found[0, 0][inner], exact[inner], rtol=0.06)
@@ -107,3 +108,28 @@ def test_a_pixel_without_weight_has_no_say() -> None:
     weight[:, : PAD + 29] = 1
     found = slope(x, edge=1e3, reach=4.0, weight=weight)[0, 0, 12:-12, 12:40]
     assert found == pytest.approx(0.2, abs=1e-3)
+
+
+def test_beside_a_fold_a_pixel_takes_the_slope_of_its_own_side() -> None:
+    row = np.mgrid[:60, :40][0]
+    x = padded(np.where(row < 30, 1.0, 1.0 + 0.5 * (row - 30))[None])
+    measure = np.ones_like(x[0])
+    about = slope(x, edge=1e3, reach=4.0)
+    found = agreed(x, about, 0.05, 6, measure)
+    near = np.s_[0, 0, PAD + 24 : PAD + 29, 12:-12]
+    assert about[near].max() > 0.15
+    assert np.abs(found[near]).max() < 0.05
+    beyond = np.s_[0, 0, PAD + 32 : PAD + 36, 12:-12]
+    assert about[beyond].min() < 0.4
+    assert np.abs(found[beyond] - 0.5).max() < 0.05
+    assert not found[:, :, :PAD].any()
+    assert not found[..., -PAD:].any()
+
+
+def test_a_plane_of_inverse_distance_has_the_same_slope_in_every_window() -> None:
+    distance = padded(1 / (0.5 - 0.005 * np.mgrid[:60, :40][0])[None])
+    measure = np.square(distance[0]) + np.float32(1e-6)
+    about = slope(distance, edge=1e3, reach=4.0, measure=measure)
+    inner = np.s_[0, 0, 24:-24, 12:-12]
+    found = agreed(distance, about, 1e3, 8, measure)
+    np.testing.assert_allclose(found[inner], (measure * about)[inner], rtol=0.02)
