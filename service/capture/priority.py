@@ -28,8 +28,8 @@ class Foremost:
     def __enter__(self) -> Self:
         if self.is_permitted:
             thread = get_native_id()
-            before = os.getpriority(os.PRIO_PROCESS, thread)
             try:
+                before = os.getpriority(os.PRIO_PROCESS, thread)
                 os.setpriority(os.PRIO_PROCESS, thread, before - _AHEAD)
                 self._before = before
             except OSError:

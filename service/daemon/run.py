@@ -124,7 +124,7 @@ def run_service(
         def hand_over() -> None:
             assert abandoned is not None
             if daemon.is_opening:
-                _log.info("told to stop while the devices are being opened")
+                _log.info("told to stop before the devices were ready")
             else:
                 _log.error("a device does not let go: the service ends without it")
             bus.close(_SINKS - daemon.stop.seconds, discard=once and daemon.ledger.fused == 0, hurry=True)

@@ -6,6 +6,7 @@ import ctypes
 import os
 import shutil
 import socket
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -118,6 +119,8 @@ def check_priority(_: Configuration) -> Iterator[Check]:
     """May the capture go before all else?"""
     from service.capture.priority import Foremost
 
+    if sys.platform != "linux":
+        return
     with Foremost() as foremost:
         permitted = foremost.is_permitted
     if permitted:
@@ -126,7 +129,7 @@ def check_priority(_: Configuration) -> Iterator[Check]:
         yield Check(
             name="priority",
             state="warning",
-            finding="the capture goes no sooner than other programs: a busy machine may lose frames",
+            finding="a capture begun here goes no sooner than other programs: frames may be lost",
             remedy="LimitNICE=-15 in the systemd unit, as deploy/lidarboost.service has it; or "
             'echo "$USER - nice -15" | sudo tee /etc/security/limits.d/lidarboost.conf, and log in again',
         )

@@ -45,8 +45,8 @@ class Surface:
         known = np.isfinite(points[2]) & np.isfinite(normals[0]) & ~_grazed(points, normals)
         self._points = points[:, known]
         self._normals = _smoothed(normals, known)[:, known]
-        some = self._points[:, ::_SAMPLED]
-        self._middle = np.median(some, axis=1)[:, None] if known.any() else np.zeros((3, 1), np.float32)
+        sampled = self._points[:, ::_SAMPLED]
+        self._middle = np.median(sampled, axis=1)[:, None] if known.any() else np.zeros((3, 1), np.float32)
 
     def seen_from(self, yaw: float, pitch: float) -> NDArray[np.float32]:
         """Render it in grey from a viewpoint turned about the scene's middle.

@@ -120,12 +120,12 @@ def _samples(problem: Problem, unit: Unit, frames: slice) -> tuple[NDArray[np.fl
     distance, sigma = problem.distance[frames], problem.sigma[frames]
     least = np.float32(_LEAST * problem.usual_deviation)
     if problem.unmixing is None:
-        sigma = np.maximum(sigma, least)
+        deviation = np.maximum(sigma, least)
     else:
-        distance, sigma = problem.unmixing.means(distance, sigma, problem.positions[frames], least)
+        distance, deviation = problem.unmixing.means(distance, sigma, problem.positions[frames], least)
     used = np.isfinite(distance)
     scaled = (distance - np.float32(unit.offset)) * np.float32(1 / unit.scale)
-    return np.where(used, scaled, np.float32(0))[None], _weights(problem, used, sigma)
+    return np.where(used, scaled, np.float32(0))[None], _weights(problem, used, sigma, deviation)
 
 
 def _plan(problem: Problem, term: AreaTerm, strength: float) -> Reweighting:
@@ -160,14 +160,17 @@ def _strength(problem: Problem, used: NDArray[np.bool_]) -> float:
     return float(np.hypot(noise * np.sqrt(noise / (_NOISE * steps)), _CLEAN * extent))
 
 
-def _weights(problem: Problem, used: NDArray[np.bool_], sigma: NDArray[np.float32]) -> NDArray[np.float32]:
+def _weights(
+    problem: Problem, used: NDArray[np.bool_], sigma: NDArray[np.float32], deviation: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Weights of used samples, by their `deviation`; which are lost is told by their own, `sigma`."""
     usual = problem.usual_deviation
     if not problem.noise or not _any_within(problem, used & np.isfinite(sigma), np.inf):
         return used.astype(np.float32)
     if problem.ambiguity_range is not None:
         kept = used & (sigma <= problem.ambiguity_range / LOST)
         used = kept if _any_within(problem, kept, problem.ambiguity_range / LOST) else used
-    return np.where(used, (usual / sigma) ** 2, 0).astype(np.float32)
+    return np.where(used, (usual / deviation) ** 2, 0).astype(np.float32)
 
 
 def _any_within(problem: Problem, kept: NDArray[np.bool_], most: float) -> bool:

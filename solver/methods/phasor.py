@@ -106,14 +106,14 @@ def _run(
 ) -> tuple[int, bool]:
     """Rounds taken, and whether all steps were; `watch`: with an eye on samples that the map contradicts."""
     taken = 0
-    for step in steps:
+    for number, step in enumerate(steps, 1):
         taken += course.descend(step, limit - taken)
         if watch and step.blunt < _TOLD:
             course.distrust()
         if progress is not None:
             progress(taken, None, None)  # the objective would cost as much as some rounds
         if taken >= limit:
-            return taken, step is steps[-1]
+            return taken, number == len(steps)
     return taken, True
 
 

@@ -132,11 +132,9 @@ class Consensus:
             mixed: whether samples average phasors, not distances.
         """
         swing = _MIXED_SWING if mixed else _SWING
+        near, far = self.bounds
         with np.errstate(invalid="ignore"):  # −∞ + ∞: no bounds
-            middle, reach = (
-                0.5 * (self.bounds[0] + self.bounds[1]),
-                swing[0] * (self.bounds[1] - self.bounds[0]),
-            )
+            middle, reach = 0.5 * (near + far), swing[0] * (far - near)
         reach += np.float32(swing[1] * deviation)
         factor = len(distance) // len(self.bounds[0])
         team.share(kernels.limit, distance, middle - reach, middle + reach, factor)

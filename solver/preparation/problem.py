@@ -100,7 +100,8 @@ class Problem:
 
     @cached_property
     def unmixing(self) -> Unmixing | None:
-        """How samples are mixed, where they average phasors; as it was at first, where frames change."""
+        """How samples are mixed, where they average phasors; where frames change, its bounds follow and its
+        ratio stays as it was at first."""
         if self.consensus is None or self.ambiguity_range is None:
             return None
         samples = self.consensus.measured, self.sigma, self.positions

@@ -35,7 +35,7 @@ _AROUND, _TAPS = 1.0, 7
 _LIKELY = 0.6
 """How many samples, on a pixel, what is likely counts for."""
 
-_LOST, _SIDE = 0.2, 5
+_LACKING, _SIDE = 0.2, 5
 """The part of samples lost around from which nothing is behind an edge, and b tells nothing; half as many do
 no harm; and the side of the square in which they are counted."""
 
@@ -73,10 +73,10 @@ class Unmixing:
         near, far = (cv2.GaussianBlur(part, (_TAPS, _TAPS), _AROUND) for part in counts[2:])
         with np.errstate(all="ignore"):  # bounds that are not known
             square = (bounds[1] / bounds[0]) ** 2
-            likely = np.where(np.isfinite(square), square / (1 + square), 0.5)
-        ratio = np.maximum(near, 0) + _LIKELY * likely
-        ratio /= np.maximum(far, 0) + _LIKELY * (1 - likely)
-        clear = np.clip(2 - 2 / _LOST * lacking / np.maximum(looking, 1), 0, 1)
+            dim = np.where(np.isfinite(square), 1 / (1 + square), 0.5)  # never 0, as 1 − … is
+        ratio = np.maximum(near, 0) + _LIKELY * (1 - dim)
+        ratio /= np.maximum(far, 0) + _LIKELY * dim
+        clear = np.clip(2 - 2 / _LACKING * lacking / np.maximum(looking, 1), 0, 1)
         self.ratio: Image = (clear * np.log(ratio)).astype(np.float32)
 
     def means(

@@ -122,7 +122,7 @@ def test_a_device_that_is_being_opened_is_no_fault_and_costs_nothing(
             assert ended.wait(30)
             assert time.monotonic() - began < 7
             assert lost == []
-            assert "told to stop while the devices are being opened" in caplog.text
+            assert "told to stop before the devices were ready" in caplog.text
             assert "let go" not in caplog.text
         finally:
             camera.let_go.set()

@@ -7,6 +7,7 @@ import pytest
 
 from solver import Fused, FusionOptions, fuse
 from solver.geometry.positions import sample_positions
+from solver.methods.phasor import _run
 from solver.optimisation.factored import SCHEDULE, Factored, Step
 from solver.optimisation.footprint import AreaTerm
 from solver.options import Footprint
@@ -169,6 +170,19 @@ def test_too_few_iterations_are_said_so():
         fused = scene.fused(max_iterations=20)
     assert fused.report.iterations == 20
     assert not fused.report.converged
+
+
+def test_every_step_is_another_one_though_some_are_equal(monkeypatch):
+    taken = []
+    monkeypatch.setattr(
+        Factored, "descend", lambda _, step, limit: taken.append(step) or min(step.rounds, limit)
+    )
+    scene = Scene(np.full_like(ROW, 2.0), np.full_like(ROW, 1000.0))
+    begun = course(scene)
+    equal = [Step(2.0, 14)] * 3
+    assert _run(begun, equal, 14, None, False) == (14, False)
+    assert _run(begun, equal, 42, None, False) == (42, True)
+    assert len(taken) == 4
 
 
 def course(scene):

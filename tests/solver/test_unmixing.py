@@ -92,3 +92,39 @@ def excess(distance: np.ndarray) -> float:
     """By how many low-resolution pixels the near half is too wide."""
     width = np.mean(distance[16:-16] < (NEAR + FAR) / 2) * COLUMNS
     return float(width - (EDGE + TILT * (ROWS - 1) / 2 + 0.5))
+
+
+@pytest.mark.parametrize("ends", [(-np.inf, np.inf), (NEAR, NEAR), (0.0005, 7.0)])
+def test_what_cannot_be_told_stays_finite(ends: tuple[float, float]) -> None:
+    distance, _, shifts = edge(2.0)
+    sigma = np.full_like(distance, 0.001)
+    sigma[0] = np.inf
+    near, far = (np.full(distance.shape[1:], end, np.float32) for end in ends)
+    unmixing = Unmixing(distance, sigma, places(shifts), (near, far), 0.6)
+    means, deviation = unmixing.means(distance, sigma, places(shifts), np.float32(0))
+    assert np.isfinite(unmixing.ratio).all()
+    assert np.isfinite(means).all()
+    assert not np.isnan(deviation).any()
+    assert np.isfinite(deviation[1:]).all()
+
+
+@pytest.mark.filterwarnings("ignore:area stopped after")
+def test_a_lit_wall_is_known_where_most_of_the_view_is_dark() -> None:
+    random = np.random.default_rng(0)
+    shape = (6, 24, 30)
+    amplitude, distance = np.ones(shape, np.float32), random.uniform(0.5, 7, shape).astype(np.float32)
+    amplitude[:, :, :10] = 1000
+    distance[:, :, :10] = 2 + random.normal(0, 0.005, (6, 24, 10))
+    shifts = random.uniform(-0.5, 0.5, (6, 2))
+    shifts[0] = 0
+    fused = fuse(
+        distance,
+        amplitude=amplitude,
+        shifts=shifts,
+        noise=5.0,
+        ambiguity_range=7.5,
+        options=FusionOptions(method="area", upsampling=2),
+    )
+    wall = fused.distance[8:40, 4:14]
+    assert np.isfinite(wall).all()
+    assert np.abs(wall - 2).max() < 0.05
