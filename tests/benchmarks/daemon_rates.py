@@ -39,6 +39,10 @@ WARM = 30
 """Maps until the window of a stream has been full twice: its first frames are solved from nothing."""
 
 
+PERIOD = 0.02
+"""Seconds from frame to frame of the camera at 4.75 ms."""
+
+
 CAMERA = ("[camera]", 'backend = "simulated"', "[camera.settings]")
 
 
@@ -119,7 +123,7 @@ def scan(folder: Path, seconds: float) -> Iterator[str]:
 def record(folder: Path, seconds: float) -> Iterator[str]:
     """Bursts of 15 frames of a camera that nothing turns, with pictures: every frame is to be recorded."""
     kept = folder / "kept"
-    with Pauses() as pauses:
+    with Pauses(PERIOD) as pauses:
         summary, heard = served(
             folder,
             seconds,
@@ -137,7 +141,8 @@ def record(folder: Path, seconds: float) -> Iterator[str]:
     yield (
         f"record: {summary['frames']} frames, {summary['dropped_frames']} dropped by the camera (0), "
         f"{recorded} recorded; {summary['maps']} of {summary['bursts']} bursts fused, {len(heard)} maps "
-        f"received, {pictures} pictures; the machine paused for {1e3 * pauses.longest:.0f} ms at most; "
+        f"received, {pictures} pictures; the machine stood still "
+        f"{len(pauses.late)} times for over {1e3 * PERIOD:.0f} ms, {1e3 * sum(pauses.late):.0f} in all; "
         f"lost: {summary['lost'] or 'nothing'}"
     )
 

@@ -13,12 +13,16 @@ _SLEEP = 2e-3
 class Pauses:
     """A context in which a thread of the highest priority there is sleeps for 2 ms, again and again.
 
+    Args:
+        least: seconds by which it has to wake up late for it to count.
+
     Attributes:
-        longest: seconds by which it woke up late at most.
+        late: the seconds by which it did, each time.
     """
 
-    def __init__(self) -> None:
-        self.longest = 0.0
+    def __init__(self, least: float) -> None:
+        self._least = least
+        self.late: list[float] = []
         self._over = Event()
         self._thread = Thread(target=self._run, name="pauses", daemon=True)
 
@@ -37,4 +41,6 @@ class Pauses:
             while not self._over.is_set():
                 began = time.monotonic()
                 time.sleep(_SLEEP)
-                self.longest = max(self.longest, time.monotonic() - began - _SLEEP)
+                late = time.monotonic() - began - _SLEEP
+                if late >= self._least:
+                    self.late.append(late)
