@@ -24,7 +24,6 @@ from drivers.recording.versions import library, versions
 CHUNK_SIZE = 256 * 1024
 """Bytes before compression; two or three frames, the most that is lost when the process is killed."""
 
-
 SEQUENCE_MASK = 0xFFFFFFFF
 """MCAP counts in 32 bits; camera/frame holds the whole number."""
 
