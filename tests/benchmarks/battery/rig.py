@@ -142,6 +142,7 @@ def _received(renderer: Renderer, pan: float, tilt: float) -> NDArray[np.complex
 BASE = Condition()
 CONDITIONS: dict[str, Condition] = {
     "base": BASE,
+    "noise/2": replace(BASE, noise=0.5),
     "noise/4": replace(BASE, noise=0.25),
     "noise/16": replace(BASE, noise=1 / 16),
     "noise*2": replace(BASE, noise=2.0),

@@ -105,7 +105,7 @@ def _show_consistency(rows: list[Row], methods: list[str]) -> None:
     print("\nconsistency: scenes whose RMS rises by over 2 % against base (by how much at most)")
     scenes = list(dict.fromkeys(row["scene"] for row in rows))
     for condition in dict.fromkeys(row["condition"] for row in rows):
-        if condition not in ("noise/4", "noise/16", "N=30", "N=60"):
+        if condition not in ("noise/2", "noise/4", "noise/16", "N=30", "N=60"):
             continue
         for method in methods:
             rises = {}
