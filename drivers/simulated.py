@@ -40,6 +40,10 @@ class SimulatedCamera(Camera):
     in time are gaps in `sequence`. After a movement the first frame may therefore be a stale one, as with a
     real camera. It sees the world turn with the stage it is mounted on, each of the four phase samples from
     the pose at the middle of that sample.
+
+    A frame is computed while it is still being exposed, from where the stage then is expected to point, so
+    that whoever grabs waits as long as for a real camera; computed anew only where something else moved the
+    stage meanwhile.
     """
 
     Options = CameraOptions
@@ -88,13 +92,19 @@ class SimulatedCamera(Camera):
         number = max(self._next, complete - 1)
         ready = self._epoch + (number + 1 - self._first) * period
         wait = (ready - now) / 1e9
-        self.clock.sleep(min(wait, timeout))
         if wait > timeout:
+            self.clock.sleep(timeout)
             raise DeviceTimeoutError(
                 f"no frame within {timeout:.3f} s: one takes {period / 1e9:.3f} s with these settings"
             )
+        start = ready - self._exposure(self._settings)
+        expected = self._poses(start)
+        images = self._expose(expected, number)
+        self.clock.sleep((ready - self.clock.now()) / 1e9)
         self._next = number + 1
-        return self._frame(number, ready - self._exposure(self._settings))
+        if (poses := self._poses(start)) != expected:
+            images = self._expose(poses, number)
+        return self._frame(number, start, *images)
 
     @property
     def true_calibration(self) -> Calibration:
@@ -124,10 +134,10 @@ class SimulatedCamera(Camera):
             model=f"simulated SR3000, scene {self.options.scene}",
         )
 
-    def _frame(self, number: int, start: int) -> Frame:
+    def _frame(
+        self, number: int, start: int, counts: NDArray[np.uint16], amplitude: NDArray[np.uint16]
+    ) -> Frame:
         settings, exposure = self._settings, self._exposure(self._settings)
-        times = [start + exposure * (2 * k + 1) // (2 * SAMPLES) for k in range(SAMPLES)]
-        counts, amplitude = self._expose([self._pose(time) for time in times], number)
         reported = self._stage.position if self._stage is not None and self._stage.is_open else None
         return Frame(
             counts=counts,
@@ -151,12 +161,14 @@ class SimulatedCamera(Camera):
         errors = self._true.corrections
         return (with_errors(counts, errors, span) if errors else counts), amplitude
 
-    def _pose(self, timestamp: int) -> Position:
-        if isinstance(self._stage, SimulatedStage):
-            return self._stage.pose_at(timestamp)
-        if self._stage is not None and self._stage.is_open and not self._stage.needs_home:
-            return self._stage.position
-        return Position(0.0, 0.0)
+    def _poses(self, start: int) -> list[Position]:
+        """Where the stage points in the middle of each sample of an exposure that begins at `start`."""
+        stage, exposure = self._stage, self._exposure(self._settings)
+        if isinstance(stage, SimulatedStage):
+            return [stage.pose_at(start + exposure * (2 * k + 1) // (2 * SAMPLES)) for k in range(SAMPLES)]
+        if stage is not None and stage.is_open and not stage.needs_home:
+            return [stage.position] * SAMPLES
+        return [Position(0.0, 0.0)] * SAMPLES
 
     def _rendering(self) -> Renderer:
         assert self._renderer is not None
@@ -164,7 +176,7 @@ class SimulatedCamera(Camera):
 
     def _restart(self) -> None:
         # Rendered and compiled before time begins to count, so that the first frame is not late.
-        self._expose([self._pose(self.clock.now())] * SAMPLES, self._next)
+        self._expose(self._poses(self.clock.now()), self._next)
         self._epoch, self._first = self.clock.now(), self._next
 
     def _exposure(self, settings: CameraSettings) -> int:
