@@ -41,9 +41,9 @@ class SimulatedCamera(Camera):
     real camera. It sees the world turn with the stage it is mounted on, each of the four phase samples from
     the pose at the middle of that sample.
 
-    A frame is computed while it is still being exposed, from where the stage then is expected to point, so
-    that whoever grabs waits as long as for a real camera; computed anew only where something else moved the
-    stage meanwhile.
+    A frame is computed while it is exposed, for where the stage is expected to point, so that whoever grabs
+    waits as long as for a real camera; anew only where something else moved the stage meanwhile. By how much
+    computing made a frame late is not held against whoever fetches the next one.
     """
 
     Options = CameraOptions
@@ -53,7 +53,7 @@ class SimulatedCamera(Camera):
         super().__init__(options, clock)
         self._true = true_calibration(self.options)
         self._renderer: Renderer | None = None
-        self._epoch = self._first = self._next = 0
+        self._epoch = self._first = self._next = self._late = 0
 
     def truth(self, upsampling: int = 4, position: Position | None = None) -> Truth:
         """The noise-free view at `position` (the stage at rest at (0, 0) by default), β times as fine.
@@ -88,7 +88,7 @@ class SimulatedCamera(Camera):
 
     def _grab(self, timeout: float) -> Frame:
         period, now = self._period(self._settings), self.clock.now()
-        complete = self._first + (now - self._epoch) // period
+        complete = self._first + (now - self._late - self._epoch) // period
         number = max(self._next, complete - 1)
         ready = self._epoch + (number + 1 - self._first) * period
         wait = (ready - now) / 1e9
@@ -100,6 +100,7 @@ class SimulatedCamera(Camera):
         start = ready - self._exposure(self._settings)
         expected = self._poses(start)
         images = self._expose(expected, number)
+        self._late = max(0, self.clock.now() - max(now, ready))
         self.clock.sleep((ready - self.clock.now()) / 1e9)
         self._next = number + 1
         if (poses := self._poses(start)) != expected:
@@ -177,7 +178,7 @@ class SimulatedCamera(Camera):
     def _restart(self) -> None:
         # Rendered and compiled before time begins to count, so that the first frame is not late.
         self._expose(self._poses(self.clock.now()), self._next)
-        self._epoch, self._first = self.clock.now(), self._next
+        self._epoch, self._first, self._late = self.clock.now(), self._next, 0
 
     def _exposure(self, settings: CameraSettings) -> int:
         return round((SAMPLES * settings.integration_time + self.options.readout) * 1e9)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import chain, repeat
 
 import numpy as np
 import pytest
@@ -47,16 +48,17 @@ def rig(scene: str = "plane") -> Iterator[tuple[Camera, Stage, EventfulClock]]:
 
 
 @pytest.fixture
-def computing(monkeypatch: pytest.MonkeyPatch) -> Callable[[VirtualClock, float], list[int]]:
-    """Has every computing of a frame take so many seconds of a clock; gives when each began."""
+def computing(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[int]]:
+    """Has one frame after the other take so many seconds of a clock to compute, all later ones as many as the
+    last; gives when each began."""
 
-    def slow(clock: VirtualClock, seconds: float) -> list[int]:
+    def slow(clock: VirtualClock, *seconds: float) -> list[int]:
         began: list[int] = []
-        expose = drivers.simulated.expose
+        taken, expose = chain(seconds, repeat(seconds[-1])), drivers.simulated.expose
 
         def exposed(*arguments: object) -> object:
             began.append(clock.now())
-            VirtualClock.sleep(clock, seconds)
+            VirtualClock.sleep(clock, next(taken))
             return expose(*arguments)  # type: ignore[arg-type]
 
         monkeypatch.setattr(drivers.simulated, "expose", exposed)
@@ -81,10 +83,25 @@ def test_a_frame_is_computed_once_before_its_exposure_ends(computing):
         assert clock.now() == START + 20 * PERIOD
 
 
-def test_frames_that_come_late_for_computing_too_long_are_dropped_as_ever(computing):
+def test_nobody_loses_a_frame_over_one_that_took_long_to_compute(computing):
+    with rig() as (camera, _, clock):
+        clock.sleep(0.035)
+        computing(clock, 0.030, 0.0)
+        assert [camera.grab().sequence for _ in range(4)] == [0, 1, 2, 3]
+
+
+def test_a_computer_that_is_too_slow_all_along_loses_frames(computing):
     with rig() as (camera, _, clock):
         computing(clock, 0.050)
-        assert [camera.grab().sequence for _ in range(4)] == [0, 1, 4, 6]
+        assert [camera.grab().sequence for _ in range(5)] == [0, 1, 2, 4, 6]
+
+
+def test_a_caller_who_is_too_slow_loses_frames_however_long_they_took_to_compute(computing):
+    with rig() as (camera, _, clock):
+        computing(clock, 0.015)
+        assert camera.grab().sequence == 0
+        clock.sleep(0.045)
+        assert camera.grab().sequence == 2
 
 
 def test_frames_are_the_same_waited_for_or_fetched_late():
