@@ -40,6 +40,10 @@ class SimulatedCamera(Camera):
     in time are gaps in `sequence`. After a movement the first frame may therefore be a stale one, as with a
     real camera. It sees the world turn with the stage it is mounted on, each of the four phase samples from
     the pose at the middle of that sample.
+
+    A frame is computed while it is exposed, for where the stage is expected to point, so that whoever grabs
+    waits as long as for a real camera; anew only where something else moved the stage meanwhile. By how much
+    computing made a frame late is not held against whoever fetches the next one.
     """
 
     Options = CameraOptions
@@ -49,7 +53,7 @@ class SimulatedCamera(Camera):
         super().__init__(options, clock)
         self._true = true_calibration(self.options)
         self._renderer: Renderer | None = None
-        self._epoch = self._first = self._next = 0
+        self._epoch = self._first = self._next = self._late = 0
 
     def truth(self, upsampling: int = 4, position: Position | None = None) -> Truth:
         """The noise-free view at `position` (the stage at rest at (0, 0) by default), β times as fine.
@@ -84,17 +88,24 @@ class SimulatedCamera(Camera):
 
     def _grab(self, timeout: float) -> Frame:
         period, now = self._period(self._settings), self.clock.now()
-        complete = self._first + (now - self._epoch) // period
+        complete = self._first + (now - self._late - self._epoch) // period
         number = max(self._next, complete - 1)
         ready = self._epoch + (number + 1 - self._first) * period
         wait = (ready - now) / 1e9
-        self.clock.sleep(min(wait, timeout))
         if wait > timeout:
+            self.clock.sleep(timeout)
             raise DeviceTimeoutError(
                 f"no frame within {timeout:.3f} s: one takes {period / 1e9:.3f} s with these settings"
             )
+        start = ready - self._exposure(self._settings)
+        expected = self._poses(start)
+        images = self._expose(expected, number)
+        self._late = max(0, self.clock.now() - max(now, ready))
+        self.clock.sleep((ready - self.clock.now()) / 1e9)
         self._next = number + 1
-        return self._frame(number, ready - self._exposure(self._settings))
+        if (poses := self._poses(start)) != expected:
+            images = self._expose(poses, number)
+        return self._frame(number, start, *images)
 
     @property
     def true_calibration(self) -> Calibration:
@@ -124,10 +135,10 @@ class SimulatedCamera(Camera):
             model=f"simulated SR3000, scene {self.options.scene}",
         )
 
-    def _frame(self, number: int, start: int) -> Frame:
+    def _frame(
+        self, number: int, start: int, counts: NDArray[np.uint16], amplitude: NDArray[np.uint16]
+    ) -> Frame:
         settings, exposure = self._settings, self._exposure(self._settings)
-        times = [start + exposure * (2 * k + 1) // (2 * SAMPLES) for k in range(SAMPLES)]
-        counts, amplitude = self._expose([self._pose(time) for time in times], number)
         reported = self._stage.position if self._stage is not None and self._stage.is_open else None
         return Frame(
             counts=counts,
@@ -151,12 +162,14 @@ class SimulatedCamera(Camera):
         errors = self._true.corrections
         return (with_errors(counts, errors, span) if errors else counts), amplitude
 
-    def _pose(self, timestamp: int) -> Position:
-        if isinstance(self._stage, SimulatedStage):
-            return self._stage.pose_at(timestamp)
-        if self._stage is not None and self._stage.is_open and not self._stage.needs_home:
-            return self._stage.position
-        return Position(0.0, 0.0)
+    def _poses(self, start: int) -> list[Position]:
+        """Where the stage points in the middle of each sample of an exposure that begins at `start`."""
+        stage, exposure = self._stage, self._exposure(self._settings)
+        if isinstance(stage, SimulatedStage):
+            return [stage.pose_at(start + exposure * (2 * k + 1) // (2 * SAMPLES)) for k in range(SAMPLES)]
+        if stage is not None and stage.is_open and not stage.needs_home:
+            return [stage.position] * SAMPLES
+        return [Position(0.0, 0.0)] * SAMPLES
 
     def _rendering(self) -> Renderer:
         assert self._renderer is not None
@@ -164,8 +177,8 @@ class SimulatedCamera(Camera):
 
     def _restart(self) -> None:
         # Rendered and compiled before time begins to count, so that the first frame is not late.
-        self._expose([self._pose(self.clock.now())] * SAMPLES, self._next)
-        self._epoch, self._first = self.clock.now(), self._next
+        self._expose(self._poses(self.clock.now()), self._next)
+        self._epoch, self._first, self._late = self.clock.now(), self._next, 0
 
     def _exposure(self, settings: CameraSettings) -> int:
         return round((SAMPLES * settings.integration_time + self.options.readout) * 1e9)

@@ -99,7 +99,7 @@ def _measure(received, noises, gain, threshold, metres, counts, amplitude) -> No
             saturated = max(abs(s0), abs(s1), abs(s2), abs(s3)) >= FULL_SCALE
             real = 0.5 * (_clipped(s0) - _clipped(s2))
             imaginary = 0.5 * (_clipped(s1) - _clipped(s3))
-            strength = np.hypot(real, imaginary)
+            strength = np.sqrt(real * real + imaginary * imaginary)
             turns = np.arctan2(imaginary, real) / (2 * np.pi)
             count = int(np.rint(turns * COUNTS_PER_RANGE)) % COUNTS_PER_RANGE
             # A distance of exactly a whole number of ranges is one count, since zero means rejected.

@@ -34,7 +34,7 @@ class Pace:
         self._lock = Lock()  # bursts and maps come from different threads
 
     def wait(self) -> float:
-        """Seconds that the next burst had better wait before it begins."""
+        """Seconds that the next burst had better wait before it begins, as it looks now."""
         with self._lock:
             now = self._clock()
             if not (self._capturing and self._unfinished):

@@ -10,7 +10,10 @@ from service.capture.control import StoppedError
 from service.capture.grabber import Grabber
 
 _SLICE = 0.05
-"""Seconds after which a pause between two bursts looks for something to do."""
+"""Seconds after which a pause between two bursts looks for something to do, and whether it is over."""
+
+_INSTANT = 1e-9
+"""Seconds: less cannot be slept."""
 
 T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
@@ -32,6 +35,14 @@ class Recover(Protocol):
         """Tell why, and try until it is done; False where something else was asked for first."""
 
 
+Pause = Callable[[float], float]
+"""Seconds left of a pause, so many seconds after it began."""
+
+
+def _no_pause(elapsed: float) -> float:  # noqa: ARG001
+    return 0.0
+
+
 class Capture(Generic[T]):
     """Takes burst after burst, or frame after frame, and survives what happens to the devices.
 
@@ -40,7 +51,7 @@ class Capture(Generic[T]):
         source: takes them.
         recover: opens lost devices again; None = without telling anybody.
         ending: whether something else was asked for: looked at between two bursts.
-        pause: seconds between one and the next, asked for when one is done.
+        pause: between one and the next; asked again and again while it lasts.
         hurried: whether the next one shall not wait for that.
         first: number of the first.
 
@@ -56,7 +67,7 @@ class Capture(Generic[T]):
         recover: Recover | None = None,
         ending: Callable[[], bool] = lambda: False,
         *,
-        pause: Callable[[], float] = lambda: 0.0,
+        pause: Pause = _no_pause,
         hurried: Callable[[], bool] = lambda: False,
         first: int = 0,
     ) -> None:
@@ -72,10 +83,10 @@ class Capture(Generic[T]):
         Raises:
             MotionError: the stage must not move any more.
         """
-        rest = 0.0
+        pause: Pause = _no_pause
         while not self._control.halted:
             try:
-                self._rest(rest)
+                self._rest(pause)
                 if self._control.halted or self._ending():
                     return
                 self.began = time.monotonic()
@@ -94,18 +105,18 @@ class Capture(Generic[T]):
                 continue
             self.number += 1
             yield taken
-            rest = self._pause()
+            pause = self._pause
 
-    def _rest(self, seconds: float) -> None:
-        """Do what waits to be done between two bursts, for at least so long unless there is a hurry."""
+    def _rest(self, pause: Pause) -> None:
+        """Do what waits to be done between two bursts, until the pause is over or there is a hurry."""
         clock = self._rig.clock
-        end = clock.now() + round(seconds * 1e9)
+        began = clock.now()
         self._control.between_bursts()
-        while (left := end - clock.now()) > 0 and not (
+        while (left := pause((clock.now() - began) / 1e9)) >= _INSTANT and not (
             self._control.halted or self._ending() or self._hurried()
         ):
             self._control.beat()
-            clock.sleep(min(_SLICE, left * 1e-9))
+            clock.sleep(min(_SLICE, left))
             self._control.between_bursts()
             self._grabber.restart()  # frames that pass meanwhile are not missed
 

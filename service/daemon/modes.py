@@ -151,10 +151,10 @@ class Scanning:
         daemon = self._daemon
         return begun_burst(daemon.configuration, daemon.rig, poses)
 
-    def _pause(self) -> float:
-        """Seconds until the next burst; frames that bring their own angles come when they come."""
-        pause = self._daemon.configuration.plan.pause
-        return pause if self._daemon.carries_pose else max(pause, self._pace.wait())
+    def _pause(self, elapsed: float) -> float:
+        """Seconds left until the next burst; frames that bring their own angles come when they come."""
+        left = self._daemon.configuration.plan.pause - elapsed
+        return left if self._daemon.carries_pose else max(left, self._pace.wait())
 
     def _hand_over(self, burst: Burst, number: int, seconds: float) -> None:
         daemon, fusion = self._daemon, self._daemon.configuration.fusion

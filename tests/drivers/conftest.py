@@ -1,4 +1,4 @@
-"""A recording of two bursts, and its frames; a USB bus with a camera that stands in."""
+"""A recording of two bursts, and its frames; a USB bus with a camera that stands in; scenes rendered once."""
 
 from collections.abc import Callable
 
@@ -7,8 +7,10 @@ from made_frames import make_bursts
 from made_recordings import write
 from usb_standin import StandIn
 
+import drivers.simulated
 from drivers import sr4000_calibration
 from drivers.clock import VirtualClock
+from drivers.simulation.render import Renderer
 from drivers.usb import discovery
 
 
@@ -35,3 +37,17 @@ def bus(monkeypatch: pytest.MonkeyPatch, clock: VirtualClock) -> Callable[..., S
         return stand_in
 
     return plug
+
+
+@pytest.fixture(scope="module")
+def rendered_once():
+    """Cameras alike share what is rendered, a second of work each."""
+    known = {}
+
+    def renderer(scene, calibration):
+        key = scene.name, calibration.mount, calibration.footprint
+        return known.setdefault(key, Renderer(scene, calibration))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(drivers.simulated, "Renderer", renderer)
+        yield

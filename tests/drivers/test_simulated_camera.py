@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import drivers.simulated
 from drivers import (
     DeviceTimeoutError,
     InitialisationError,
@@ -24,19 +23,7 @@ START = 1_700_000_000 * 10**9
 X, Y = np.meshgrid((np.arange(176) - 87.5) / 200, (np.arange(144) - 71.5) / 200)
 LENGTH = np.sqrt(1 + X**2 + Y**2)
 
-
-@pytest.fixture(scope="module", autouse=True)
-def rendered_once():
-    """Cameras alike share what is rendered, a second of work each."""
-    known = {}
-
-    def renderer(scene, calibration):
-        key = scene.name, calibration.mount, calibration.footprint
-        return known.setdefault(key, Renderer(scene, calibration))
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(drivers.simulated, "Renderer", renderer)
-        yield
+pytestmark = pytest.mark.usefixtures("rendered_once")
 
 
 @pytest.fixture

@@ -79,10 +79,28 @@ def test_frames_that_pass_in_a_pause_between_bursts_are_nobodys_loss() -> None:
     plan = make_plan(PlanSection(), 3, rig.calibration.intrinsics)
     plan.offsets[:] = 0
     grabber = Grabber(rig, 2.0, Control(Event()))
-    bursts = Capture(grabber, ScanBursts(grabber, plan, SETTLE, 10.0), pause=lambda: 2.0).run()
+    bursts = Capture(
+        grabber, ScanBursts(grabber, plan, SETTLE, 10.0), pause=lambda elapsed: 2.0 - elapsed
+    ).run()
     first, second = next(bursts), next(bursts)
     assert second.frames[0].sequence - first.frames[-1].sequence > 5, "frames must have passed"
     assert grabber.counts.dropped == 0
+
+
+def test_a_pause_lasts_as_long_as_is_said_while_it_lasts() -> None:
+    scene = Scene()
+    asked: list[float] = []
+
+    def pause(elapsed: float) -> float:
+        asked.append(elapsed)
+        return 0.0 if elapsed >= 0.3 else 5.0
+
+    capture = Capture(scene.grabber, ScanBursts(scene.grabber, scene.plan, SETTLE, 10.0), pause=pause).run()
+    next(capture)
+    done = scene.clock.now()
+    second = next(capture)
+    assert asked == pytest.approx([0.05 * k for k in range(7)])
+    assert second.frames[0].timestamp - done >= 300_000_000
 
 
 def test_an_unknown_integration_time_is_taken_as_the_longest() -> None:
