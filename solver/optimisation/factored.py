@@ -197,8 +197,8 @@ class Factored:
     def _scatter(self) -> Image:
         """(rows + 4, columns + 4): variance of φ by a fused pixel's samples, by the light about it."""
         side = 2 * round(self._reach) + 1
-        real, imaginary = (cv2.sqrBoxFilter(part, -1, (side, side)) for part in self.z)
-        out: Image = np.float32((self.noise * self.term.factor) ** 2) / (real + imaginary + np.float32(1e-30))
+        light = cv2.blur(self.z[0] * self.z[0] + self.z[1] * self.z[1], (side, side))
+        out: Image = np.float32((self.noise * self.term.factor) ** 2) / (light + np.float32(1e-30))
         return out
 
     def _laws(self, blunt: float) -> tuple[NDArray[np.float64], tuple[float, ...], tuple[float, ...]]:
