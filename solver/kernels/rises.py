@@ -199,12 +199,18 @@ def _curve(before, here, after, measure, square, total):  # type: ignore[no-unty
 
 
 @njit(fastmath=True, error_model="numpy")
-def _sharpen(trust, slope, measure, square, curve, noise, part, mean):  # type: ignore[no-untyped-def]
-    """mean ← the slope less `part` of its curve, where that is not noise; there, where it is, the mean."""
-    none, tiny = mean.dtype.type(0), mean.dtype.type(1e-30)
+def _tell(square, noise, trust):  # type: ignore[no-untyped-def]
+    """trust ← the part of the second differences that is not noise, times it."""
+    none, tiny = trust.dtype.type(0), trust.dtype.type(1e-30)
+    for j in range(trust.size):
+        trust[j] *= max(none, square[j] - noise[j]) / (square[j] + tiny)
+
+
+@njit(fastmath=True)
+def _sharpen(trust, slope, measure, curve, part, mean):  # type: ignore[no-untyped-def]
+    """mean ← as far as that is to be trusted, the slope less `part` of its curve."""
     for j in range(mean.size):
-        told = max(none, square[j] - noise[j]) / (square[j] + tiny) * trust[j]
-        mean[j] += told * (measure[j] * slope[j] - part * curve[j] - mean[j])
+        mean[j] += trust[j] * (measure[j] * slope[j] - part * curve[j] - mean[j])
 
 
 @njit(nogil=True, cache=True)
@@ -257,13 +263,14 @@ def choose(rank, size, x, slopes, measure, noise, away, scale, part, out):  # ty
             up, end = view(slopes, (axis, above), 2, n), view(slopes, (axis, below), 2, n)
             _curve(up, here, end, own, square, curves[axis])
             _curve(line[:n], here, line[2 * away :], own, square, curves[axis])
+        _tell(square, view(noise, (row + 2,), 2, n), trust)
         for axis in range(2):
             target = out[axis, row + 2]
             target[:2] = 0
             target[2 + n :] = 0
             here, found = view(slopes, (axis, row + 2), 2, n), target[2 : 2 + n]
             _divide(sums[1 + axis], sums[0], kind(0), found)
-            _sharpen(trust, here, own, square, curves[axis], view(noise, (row + 2,), 2, n), kind(part), found)
+            _sharpen(trust, here, own, curves[axis], kind(part), found)
     for axis in range(2):
         if rank == 0:
             out[axis, :2] = 0
