@@ -3,10 +3,9 @@
     deviation² = (a σ)² / n + (b ‖∇X‖)²,   a² = floor² + (share · σ / λ)²
 
 n samples of deviation σ lie within one low-resolution pixel; the prior averages over more of them the larger
-λ is, but no further than the scene's own structure. Where a method knows the variance that its likelihood and
-its ties leave, a times its root stands in the place of the first part. On slopes and edges the error is one
-of place, and b is in fused pixels; where a slope is foretold, only what bends is out of place. The constants
-come from simulated scenes (tests/solver/test_deviation.py holds them to it).
+λ is, but no further than the scene's own structure. A variance that a method knows stands for the first part.
+On slopes and edges the error is one of place, and b is in fused pixels; where a slope is foretold, only what
+bends is out of place. The constants come from simulated scenes (tests/solver/test_deviation.py holds them).
 """
 
 import numpy as np
@@ -23,9 +22,9 @@ _LEVEL, _SLOPED = (0.36, 0.15, 0.23), {"area": (0.18, 0.03, 0.03)}
 _MIXED = 0.15
 """b of `area` where samples average phasors: its λ then holds what mixing errs by, and bends slopes more."""
 
-_INFORMED = (0.083, 1.0)
-"""a and b where a method knows its variance, and ∇∇X in the place of ∇X: such a one lets ramps pass, and with
-∇X the deviation of a floor that runs away is far too large."""
+_BENT = 1.0
+"""b where a method knows its variance, and ∇∇X in the place of ∇X: such a one lets ramps pass, and with ∇X
+the deviation of a floor that runs away is far too large."""
 
 _LEAST = 0.01
 """Samples that stand for none: blurred rounding errors are no samples."""
@@ -45,7 +44,7 @@ def deviation(
     factor = problem.options.upsampling
     out = np.empty_like(distance)
     if solution.information is not None:
-        law = np.float32(_INFORMED[0]), np.float32(np.finfo(np.float32).tiny), np.float32(_INFORMED[1])
+        law = np.float32(1), np.float32(np.finfo(np.float32).tiny), np.float32(_BENT)
         team.share(kernels.combine, distance, solution.information, factor, *law, True, out)
         return _faded(problem, away, out, distance)
     usual = problem.usual_deviation if problem.noise else 0.0

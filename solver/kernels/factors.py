@@ -3,8 +3,7 @@
 import numpy as np
 from numba import njit
 
-from solver.kernels.elementary import exponential, lengthen, sine_cosine
-from solver.kernels.pairs import COLUMNS, PAIRS, ROWS
+from solver.kernels.elementary import exponential, sine_cosine
 from solver.kernels.view import view
 
 
@@ -59,39 +58,66 @@ def advance(rank, size, x, most, least, nearest, faint, state, z, square, lit): 
 
 
 @njit(fastmath=True, error_model="numpy")
-def _inform(z, i, bend, weight, stiff, out):  # type: ignore[no-untyped-def]
+def _curve(tilt, measure, i, here, sides, square):  # type: ignore[no-untyped-def]
+    """square += the squared second differences of the tilt of row i, in the measure; `here` is that row's."""
+    away, (above, below), (line, other) = sides
+    n, two = square.size, square.dtype.type(2)
+    for axis in range(2):
+        own, top, end = (
+            view(tilt, (axis, i), 2, n),
+            view(tilt, (axis, above), 2, n),
+            view(tilt, (axis, below), 2, n),
+        )
+        upper, lower = view(measure, (above,), 2, n), view(measure, (below,), 2, n)
+        for j in range(n):
+            line[away + j] = own[j] / here[j]
+        line[:away] = line[away]
+        line[away + n :] = line[away + n - 1]
+        for j in range(n):
+            other[j] = top[j] / upper[j] + end[j] / lower[j]
+        for j in range(n):
+            middle = two * line[away + j]
+            v, h = here[j] * (other[j] - middle), here[j] * (line[j] + line[j + 2 * away] - middle)
+            square[j] += v * v + h * h
+
+
+@njit(fastmath=True, error_model="numpy")
+def _inform(z, i, bend, weight, law, square, out):  # type: ignore[no-untyped-def]
     n, kind = out.size, out.dtype.type
     a, b, m = view(z, (0, i), 2, n), view(z, (1, i), 2, n), view(bend, (i,), 2, n)
-    tiny = kind(1e-12)
+    averaged, power, told, left, least = law
+    one, tiny = kind(1), kind(1e-30)
     for j in range(n):
-        own = weight * m[j] * (a[j] * a[j] + b[j] * b[j])
-        root = np.sqrt(own)
-        out[j] = root * np.sqrt(root * np.sqrt(stiff[j])) + tiny
+        own = weight * m[j] * (a[j] * a[j] + b[j] * b[j]) + tiny
+        noise = averaged / own
+        hidden, seen = power * noise, square[j] + tiny
+        out[j] = one / (noise + told * min(seen, hidden * hidden / seen) + left * seen + least)
 
 
 @njit(nogil=True, cache=True)
-def informed(rank, size, z, bend, weight, strengths, out):  # type: ignore[no-untyped-def]
-    """out (rows, columns) ← (d³ k)^¼, the inverse variance of φ but for a constant; by a team.
+def informed(rank, size, z, bend, weight, tilt, measure, away, scale, law, out):  # type: ignore[no-untyped-def]
+    """out (rows, columns) ← the inverse variance of φ, the bias counted in; by a team.
 
-    Data of density d hold a sheet of stiffness k. A membrane would vary by log(1 + 4π k / d) / (4π k) at a
-    point; with a tilt that is averaged from its surroundings the variance falls faster with d.
+    Data of density d, averaged over a support of n pixels, leave 1 / (n d). Second differences of the tilt
+    that exceed their noise have been followed, all but a part; what does not is lost in it: of a power x with
+    noise of power y in it a filter that passes 1 − y / x of it leaves y² / x, or x where all is noise.
 
     Args:
         z: (2, rows + 4, columns + 4), the phasors.
         bend: (rows + 4, columns + 4), padded by 2, what data say of a constant φ at |Z| = 1, over `weight`.
         weight: a number.
-        strengths: (pairs, rows + 4, columns + 4), of the pairs of phases.
+        tilt: (2, rows + 4, columns + 4), radians per pixel.
+        measure: (rows + 4, columns + 4), in which tilts of one surface are the same.
+        away: pixels to where the tilt is compared.
+        scale: pixels², of which times the squared second differences of the tilt x is.
+        law: (1 / n, y in units of 1 / (n d), parts of what is left and of x that count, the least variance).
         out: (rows, columns), 1 / radian².
     """
     rows, n = out.shape
-    stiff = np.zeros(n, out.dtype)
+    square, other, line = np.zeros(n, out.dtype), np.zeros(n, out.dtype), np.zeros(n + 2 * away, out.dtype)
     for row in range(rank * rows // size, (rank + 1) * rows // size):
-        i = row + 2
-        stiff[:] = 0
-        for k in range(PAIRS):
-            r, c = ROWS[k], COLUMNS[k]
-            own, other = view(strengths, (k, i), 2, n), view(strengths, (k, i - r), 2 - c, n)
-            share = out.dtype.type(0.25 * (r * r + c * c))
-            for j in range(n):
-                stiff[j] += share * (lengthen(own[j]) + lengthen(other[j]))
-        _inform(z, i, bend, weight, stiff, out[row])
+        ends = max(row - away, 0) + 2, min(row + away, rows - 1) + 2
+        square[:] = 0
+        _curve(tilt, measure, row + 2, view(measure, (row + 2,), 2, n), (away, ends, (line, other)), square)
+        square *= scale
+        _inform(z, row + 2, bend, weight, law, square, out[row])

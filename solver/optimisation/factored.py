@@ -19,6 +19,7 @@ Reconstruction", 1987).
 
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,7 +28,7 @@ from solver.kernels import newton, pairs
 from solver.kernels.group import PAD
 from solver.optimisation.footprint import AreaTerm
 from solver.optimisation.padding import padded
-from solver.optimisation.slope import agreed, slope
+from solver.optimisation.slope import agreed, apart, curvature_noise, slope
 from solver.options import NEIGHBOURHOOD, Offset
 from solver.runtime import team
 
@@ -63,9 +64,8 @@ _REACH = 2.0
 """Low-resolution pixels over which the slope is averaged, at the noise `_CALM`, times the fourth root of the
 noise: a mean over h errs by h² where the scene is curved, and by σ / h² of its noise."""
 
-_AWAY, _AGREED = 1.5, 0.5
-"""How far to the side the windows are whose slopes a pixel may take, in units of that reach, and how far from
-the slope its own rise may be, in units of an edge."""
+_AGREED = 0.5
+"""How far from a slope that a pixel takes its own rise may be, in units of an edge."""
 
 _VOTING = 10.0
 """Deviations of |Z| at which a pixel has half a say in the tilt. Without, the noise around what has
@@ -84,6 +84,13 @@ with 8, the rims of things before nothing, lit by half, and dots of a thirtieth 
 _MOST = np.array([0.7, 0.3])
 """By how much l and φ may move in one step: the linearisation holds for less than 1."""
 
+
+_HIDDEN, _LEFT = 0.8, 0.11
+"""Deviations of what the tilt does not show and of what it does, in units of the second differences that it
+hides and shows times the reach: relief that the map smooths away."""
+
+_ERRED = 0.00018 * _USUAL
+"""What φ errs by however many samples there are."""
 
 _DOUBT, _ERRING = 5.0, 0.1
 """Deviations and RMS amplitudes that a sample may differ from the map that has its edges."""
@@ -185,7 +192,14 @@ class Factored:
         """(1, 2, rows + 4, columns + 4): what the surroundings foretell of φ's rise by row and by column."""
         edge, image = _EDGE * blunt**_EDGE_BLUNT, self.state[1:]
         means = slope(image, edge, self._reach, before=self._tilt, measure=self._square, weight=self._lit)
-        return agreed(image, means, _AGREED * edge, round(_AWAY * self._reach), self._square)
+        return agreed(image, means, _AGREED * edge, self._reach, self._square, self._scatter())
+
+    def _scatter(self) -> Image:
+        """(rows + 4, columns + 4): variance of φ by a fused pixel's samples, by the light about it."""
+        side = 2 * round(self._reach) + 1
+        light = cv2.blur(self.z[0] * self.z[0] + self.z[1] * self.z[1], (side, side))
+        out: Image = np.float32((self.noise * self.term.factor) ** 2) / (light + np.float32(1e-30))
+        return out
 
     def _laws(self, blunt: float) -> tuple[NDArray[np.float64], tuple[float, ...], tuple[float, ...]]:
         factors = [float(o in self.neighbourhood) / np.hypot(*o) for o in NEIGHBOURHOOD[: pairs.PAIRS]]
@@ -216,8 +230,15 @@ class Factored:
         return 0.5 * self.weight * self.term.value(self.z) + float(sums.sum())
 
     def information(self) -> Image:
-        """(rows, columns): the inverse variance of φ, from the data at hand and the ties of the last step."""
-        out = np.empty(self.term.shape[1:], np.float32)
-        data = self.z, self.term.curvature, np.float32(self.weight)
-        team.share(kernels.informed, *data, self._strengths[1], out)
+        """(rows, columns): the inverse variance of φ, by the data and by what they hide of the tilt."""
+        out, single = np.empty(self.term.shape[1:], np.float32), np.float32
+        assert self._tilt is not None
+        spread = max(1 / self.weight - MODEL**2, 1e-6 * MODEL**2)
+        # Five windows that half overlap.
+        support = 8 * np.pi * self._reach**2
+        power = support * self._reach**2 * curvature_noise(self._reach)
+        law = single(1 / support), single(power), single(_HIDDEN**2), single(_LEFT**2), single(_ERRED**2)
+        data = self.z, self.term.curvature, single(1 / spread)
+        curves = self._tilt[0], self._square, apart(self._reach), single(self._reach**2)
+        team.share(kernels.informed, *data, *curves, law, out)
         return out

@@ -19,6 +19,9 @@ It is applied at half the resolution, which so wide a Gaussian does not need."""
 _TAPS = 3.6
 """Deviations to either side, at least."""
 
+_AWAY = 1.5
+"""How far to the side the windows are whose slopes a pixel may take, in units of the reach."""
+
 
 def slope(
     x: NDArray[np.floating],
@@ -59,21 +62,49 @@ def agreed(
     x: NDArray[np.floating],
     slopes: NDArray[np.floating],
     edge: float,
-    away: int,
+    reach: float,
     measure: NDArray[np.floating],
+    noise: NDArray[np.floating],
 ) -> NDArray[np.floating]:
     """Slopes of the windows that each pixel agrees with: beside a fold those of its own side.
 
     A window about a pixel reaches over a fold, where two surfaces meet, and foretells a slope that neither
     has. One that lies to the side does not (Nagao, Matsuyama, "Edge preserving smoothing", CGIP 1979).
 
+    Where nothing folds, a mean over a window of deviation r errs by ½ r² times the second derivatives of the
+    slope, which the windows to the sides, a away, tell: that error is taken off. As their second differences
+    hold noise too, only the part of their power that exceeds it is (as in Wiener's filter).
+
     Args:
         x: (1, rows + 4, columns + 4), padded.
         slopes: (1, 2, rows + 4, columns + 4), of windows about each pixel, as `slope` gives them.
         edge: how far from a window's slope a gradient is hardly of its surface.
-        away: how far to the side windows are, fused pixels.
+        reach: r, fused pixels.
         measure: as in `slope`.
+        noise: (rows + 4, columns + 4), variance of a fused pixel's data, in x's unit².
     """
-    out = np.empty_like(slopes)
-    team.share(kernels.choose, x[0], slopes[0], measure, away, x.dtype.type(1 / edge**2), out[0])
+    out, away = np.empty_like(slopes), apart(reach)
+    share = x.dtype.type(0.5 * (reach / away) ** 2)
+    law = away, x.dtype.type(1 / edge**2), share
+    team.share(
+        kernels.choose, x[0], slopes[0], measure, x.dtype.type(curvature_noise(reach)) * noise, *law, out[0]
+    )
     return out
+
+
+def apart(reach: float) -> int:
+    """Fused pixels to the windows at the sides."""
+    return round(_AWAY * reach)
+
+
+def curvature_noise(reach: float) -> float:
+    """Sum of the variances of second differences of slopes, of white noise of variance 1 a fused pixel.
+
+    Of both components along both axes. Each slope, averaged by a Gaussian of deviation r, has 1 / (8π r⁴);
+    those of windows a r apart correlate by exp(−a² / 4) across the way between them, by (1 − a² / 2) times
+    that along it.
+    """
+    a = apart(reach) / reach
+    near, far = (float(np.exp(-(b**2) / 4)) for b in (a, 2 * a))
+    along = 6 - 8 * near * (1 - a**2 / 2) + 2 * far * (1 - 2 * a**2)
+    return 2 * (along + 6 - 8 * near + 2 * far) / (8 * np.pi * reach**4)

@@ -146,6 +146,17 @@ def test_truth_lies_within_one_deviation_as_often_as_it_should(noise):
     assert (error <= 2 * fused.deviation)[:, 24:32].mean() > 0.8
 
 
+@pytest.mark.parametrize("noise", [0.5, 1.0])
+@pytest.mark.parametrize("period", [20.0, 26.0])
+def test_what_a_map_smooths_away_of_relief_is_in_its_deviation(period, noise):
+    relief = 0.012 * np.sin(2 * np.pi * ROW / period) * np.cos(2 * np.pi * COLUMN / period)
+    scene = Scene(2 + relief, np.full_like(ROW, 2500.0), noise=noise)
+    fused = scene.fused()
+    exact = cv2.resize(scene.at(RAYS), (112, 96), interpolation=cv2.INTER_AREA)
+    within = np.abs(fused.distance - exact) <= fused.deviation
+    assert 0.5 < within[8:-8, 8:-8].mean() < 0.87
+
+
 def test_better_data_do_not_make_a_map_worse():
     random = np.random.default_rng(5)
     distance = np.where((ROW - 12) ** 2 + (COLUMN - 14) ** 2 < 40, 2.0, 2.5)

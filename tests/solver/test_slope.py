@@ -1,5 +1,6 @@
 """The slope that the prior lets pass, and what it does to ramps."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -9,7 +10,7 @@ from solver.kernels.smoothing import gaussian
 from solver.optimisation.footprint import AreaTerm
 from solver.optimisation.memory_gradient import minimise
 from solver.optimisation.prior import Prior, level
-from solver.optimisation.slope import agreed, slope
+from solver.optimisation.slope import agreed, apart, curvature_noise, slope
 from solver.optimisation.term import start
 from solver.options import Footprint
 
@@ -115,7 +116,7 @@ def test_beside_a_fold_a_pixel_takes_the_slope_of_its_own_side() -> None:
     x = padded(np.where(row < 30, 1.0, 1.0 + 0.5 * (row - 30))[None])
     measure = np.ones_like(x[0])
     about = slope(x, edge=1e3, reach=4.0)
-    found = agreed(x, about, 0.05, 6, measure)
+    found = agreed(x, about, 0.05, 4.0, measure, np.full_like(measure, 1e-4))
     near = np.s_[0, 0, PAD + 24 : PAD + 29, 12:-12]
     assert about[near].max() > 0.15
     assert np.abs(found[near]).max() < 0.05
@@ -131,5 +132,37 @@ def test_a_plane_of_inverse_distance_has_the_same_slope_in_every_window() -> Non
     measure = np.square(distance[0]) + np.float32(1e-6)
     about = slope(distance, edge=1e3, reach=4.0, measure=measure)
     inner = np.s_[0, 0, 24:-24, 12:-12]
-    found = agreed(distance, about, 1e3, 8, measure)
+    found = agreed(distance, about, 1e3, 5.0, measure, np.zeros_like(measure))
     np.testing.assert_allclose(found[inner], (measure * about)[inner], rtol=0.02)
+
+
+def test_what_a_window_levels_is_put_back_unless_it_may_be_noise() -> None:
+    """A wave of 14 reaches: its slope lacks a part in a window, and more in five of them."""
+    column = np.mgrid[:60, :120][1]
+    x = padded(np.sin(2 * np.pi * column / 56)[None])
+    exact = 2 * np.pi / 56 * np.cos(2 * np.pi * (column + 0.5) / 56)[20:-20, 24:-24]
+    one = np.ones_like(x[0])
+    about = slope(x, edge=1e3, reach=4.0)
+
+    def lacking(found: np.ndarray) -> float:
+        part = found[0, 1, PAD:-PAD, PAD:-PAD][20:-20, 24:-24]
+        return float(1 - (part * exact).sum() / (exact**2).sum())
+
+    told, noisy = (agreed(x, about, 1e3, 4.0, one, level * one) for level in (0.0, 100.0))
+    assert lacking(about) > 0.08
+    assert abs(lacking(told)) < 0.03
+    assert lacking(noisy) > 1.5 * lacking(about)
+
+
+@pytest.mark.parametrize("reach", [8.0, 12.0])
+def test_the_noise_of_second_differences_is_that_of_white_noise(reach: float) -> None:
+    """Of so much as a map lets pass: it is smooth over some pixels."""
+    noise = cv2.GaussianBlur(np.random.default_rng(2).normal(size=(400, 400)), (0, 0), 1.5)[None]
+    found = slope(padded(noise), edge=1e6, reach=reach)[0, :, PAD:-PAD, PAD:-PAD]
+    away = apart(reach)
+    near, far = slice(away, -away), 2 * away
+    down = found[:, :-far, near] + found[:, far:, near] - 2 * found[:, near, near]
+    right = found[:, near, :-far] + found[:, near, far:] - 2 * found[:, near, near]
+    inner = np.s_[:, 24:-24, 24:-24]
+    total = 2 * ((down[inner] ** 2).mean() + (right[inner] ** 2).mean())
+    assert total == pytest.approx(curvature_noise(reach), rel=0.25)

@@ -10,8 +10,8 @@ consistency, what happens with better data; where one frame errs less; and metro
 `phasor`, `factored.json` since amplitude and distance have their own, `faster.json` (scenes reported on, no
 `area`) since it has four pairs, ten steps and a slope that follows blunt steps, `tilted.json` since the slope
 is that of 1 / distance, `settled.json` since cells go to the side that has more of them, `unmixed.json`
-(`nearest` and `area`) since `area` takes mixed samples as means, `folded.json` (`phasor` alone) since slopes
-are taken by side; `conditions.json` other conditions on six scenes.
+(`nearest` and `area`) since `area` takes mixed samples as means, `followed.json` (`phasor` alone) since
+slopes are taken by side and relief is followed; `conditions.json` other conditions on six scenes.
 """
 
 import argparse
