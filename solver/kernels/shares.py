@@ -104,7 +104,7 @@ def _insert(value, ranked):  # type: ignore[no-untyped-def]
 @njit(nogil=True, cache=True, error_model="numpy")
 def light_up(rank, size, distance, sigma, most, positions, amplitude, bounds, doubt, sums):  # type: ignore[no-untyped-def]
     """sums (7, H, W) ← by pixel of the grid: samples that look there, lost ones, and the sums of (1) in
-    `solver.preparation.lights`, S², S (1 − S), (1 − S)², S / A and (1 − S) / A.
+    `solver.preparation.lights`, A S², A S (1 − S), A (1 − S)², S and 1 − S.
 
     By a team, of which each looks through all samples for those on its rows.
 
@@ -142,11 +142,11 @@ def light_up(rank, size, distance, sigma, most, positions, amplitude, bounds, do
                     continue
                 part = min(max((far[place] - y) / span, np.float32(0)), one)
                 sure = min(max(2 - doubt * s / span, np.float32(0)), one)
-                into[2] += sure * part * part
-                into[3] += sure * part * (one - part)
-                into[4] += sure * (one - part) * (one - part)
-                into[5] += sure * part / light
-                into[6] += sure * (one - part) / light
+                into[2] += sure * light * part * part
+                into[3] += sure * light * part * (one - part)
+                into[4] += sure * light * (one - part) * (one - part)
+                into[5] += sure * part
+                into[6] += sure * (one - part)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

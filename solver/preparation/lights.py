@@ -33,7 +33,7 @@ _RANK = 3
 _SURE = 0.5
 """Of the deviation from which a sample is lost: one in three thousand that get no light seems surer."""
 
-_LIKELY = 0.2
+_LIKELY = 0.25
 """How many samples, on a pixel, what is likely counts for."""
 
 _MOST = 5.0
@@ -69,11 +69,11 @@ def ratio(samples: Samples, amplitude: Image, bounds: tuple[Image, Image], doubt
     """
     sums = np.empty((7, *amplitude.shape[1:]), np.float32)
     team.share(kernels.light_up, *samples, amplitude, bounds, doubt, sums)
-    near, both, far, *sides = around(sums[2:])
+    near, both, far, first, second = around(sums[2:])
     likely = np.sqrt(same_paint(bounds))
-    middle = (sides[0] + sides[1]) / np.maximum(near + 2 * both + far, np.float32(_LIKELY))  # of 1 / A
-    near, far = near + _LIKELY, far + _LIKELY
-    first, second = sides[0] + _LIKELY * middle / likely, sides[1] + _LIKELY * middle * likely
+    usual = (near + 2 * both + far) / np.maximum(first + second, np.float32(1e-6))  # light
+    near, far = near + _LIKELY * usual, far + _LIKELY * usual
+    first, second = first + _LIKELY / likely, second + _LIKELY * likely
     bright, dim = far * first - both * second, near * second - both * first  # 1 / A₁ and 1 / A₂
     told = (bright > 0) & (dim > 0)
     found = np.log(np.where(told, dim, likely**2) / np.where(told, bright, 1))
