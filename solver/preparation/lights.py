@@ -11,8 +11,9 @@ about an edge
 
     1 / A = S / A₁ + (1 − S) / A₂,                                                       (1)
 
-which least squares solve for 1 / A₁ and 1 / A₂; b = A₁ / A₂. No p has to be known. The less the samples tell,
-the more counts what is likely: surfaces of the same paint, of which b = (far / near)².
+which least squares, each with weight A, solve for 1 / A₁ and 1 / A₂, so that a surface without mixed samples
+has the mean of its lights; b = A₁ / A₂. No p has to be known. The less the samples tell, the more counts what
+is likely: surfaces of the same paint, of which b = (far / near)².
 """
 
 from statistics import NormalDist
@@ -69,12 +70,12 @@ def ratio(samples: Samples, amplitude: Image, bounds: tuple[Image, Image], doubt
     """
     sums = np.empty((7, *amplitude.shape[1:]), np.float32)
     team.share(kernels.light_up, *samples, amplitude, bounds, doubt, sums)
-    near, both, far, first, second = around(sums[2:])
-    likely = np.sqrt(same_paint(bounds))
-    usual = (near + 2 * both + far) / np.maximum(first + second, np.float32(1e-6))  # light
-    near, far = near + _LIKELY * usual, far + _LIKELY * usual
-    first, second = first + _LIKELY / likely, second + _LIKELY * likely
-    bright, dim = far * first - both * second, near * second - both * first  # 1 / A₁ and 1 / A₂
+    near, both, far, *parts = around(sums[2:])
+    alike = same_paint(bounds)
+    light = _LIKELY * (near + 2 * both + far) / np.maximum(parts[0] + parts[1], 1e-6)
+    first, second = parts[0] + _LIKELY / np.sqrt(alike), parts[1] + _LIKELY * np.sqrt(alike)
+    bright = (far + light) * first - both * second  # 1 / A₁
+    dim = (near + light) * second - both * first  # 1 / A₂
     told = (bright > 0) & (dim > 0)
-    found = np.log(np.where(told, dim, likely**2) / np.where(told, bright, 1))
+    found = np.log(np.where(told, dim, alike) / np.where(told, bright, 1))
     return np.where(clear(sums[:2]) > 0, np.clip(found, -_MOST, _MOST), 0).astype(np.float32)
