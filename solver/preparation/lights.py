@@ -34,6 +34,10 @@ _RANK = 3
 _SURE = 0.5
 """Of the deviation from which a sample is lost: one in three thousand that get no light seems surer."""
 
+_DOUBT = 3.0
+"""A sample counts where so many deviations span the way from near to far, but not where half do: noise alone
+spans less."""
+
 _LIKELY = 0.25
 """How many samples, on a pixel, what is likely counts for."""
 
@@ -60,16 +64,10 @@ def ends(
     return np.where(np.isfinite(near), near, bounds[0]), np.where(np.isfinite(far), far, bounds[1])
 
 
-def ratio(samples: Samples, amplitude: Image, bounds: tuple[Image, Image], doubt: np.float32) -> Image:
-    """(H, W), log b, between bounds (H, W), near and far.
-
-    Args:
-        amplitude: (N, H, W), linear in the received light.
-        doubt: a sample of which half as many deviations span the way between the bounds does not count, and
-            counts in full where all of them do.
-    """
+def ratio(samples: Samples, amplitude: Image, bounds: tuple[Image, Image]) -> Image:
+    """(H, W), log b, between bounds (H, W), near and far; amplitude (N, H, W), linear in the light."""
     sums = np.empty((7, *amplitude.shape[1:]), np.float32)
-    team.share(kernels.light_up, *samples, amplitude, bounds, doubt, sums)
+    team.share(kernels.light_up, *samples, amplitude, bounds, np.float32(_DOUBT), sums)
     near, both, far, *parts = around(sums[2:])
     alike = same_paint(bounds)
     light = _LIKELY * (near + 2 * both + far) / np.maximum(parts[0] + parts[1], 1e-6)

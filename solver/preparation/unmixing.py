@@ -56,13 +56,13 @@ class Unmixing:
             amplitude: (N, H, W), linear in the received light, or None.
             lost: deviation from which a sample says nothing.
         """
-        bounds, doubt = consensus.bounds, np.float32(_DOUBT)
+        bounds = consensus.bounds
         samples = consensus.measured, sigma, np.float32(lost), positions
         root = float(np.sqrt(len(sigma)))
         if amplitude is None:
             return cls(bounds, counts.ratio(samples, bounds), _ERROR * root)
         bounds = lights.ends(consensus.kept(), sigma, lost, positions, bounds)
-        return cls(bounds, lights.ratio(samples, amplitude, bounds, doubt), _ERROR_LIT * root)
+        return cls(bounds, lights.ratio(samples, amplitude, bounds), _ERROR_LIT * root)
 
     def means(
         self, distance: Image, sigma: Image, positions: Image, least: np.float32

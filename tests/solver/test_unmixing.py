@@ -45,7 +45,7 @@ def learned(distance: np.ndarray, shifts: np.ndarray, sigma: float, light: np.nd
     samples = distance, np.full(shape, sigma, np.float32), np.float32(LOST), places(shifts)
     if light is None:
         return Unmixing(bounds, counts.ratio(samples, bounds), 0.3)
-    return Unmixing(bounds, lights.ratio(samples, light, bounds, np.float32(10)), 0.1)
+    return Unmixing(bounds, lights.ratio(samples, light, bounds), 0.1)
 
 
 def places(shifts: np.ndarray) -> np.ndarray:
@@ -173,10 +173,7 @@ def test_what_cannot_be_told_stays_finite(ends: tuple[float, float], lit: bool) 
     sigma[0], light[0] = np.inf, 0
     near, far = (np.full(distance.shape[1:], end, np.float32) for end in ends)
     samples = distance, sigma, np.float32(LOST), places(shifts)
-    if lit:
-        ratio = lights.ratio(samples, light, (near, far), np.float32(10))
-    else:
-        ratio = counts.ratio(samples, (near, far))
+    ratio = lights.ratio(samples, light, (near, far)) if lit else counts.ratio(samples, (near, far))
     assert np.isfinite(ratio).all()
     unmixing = Unmixing((near, far), ratio, 0.3)
     means, deviation = unmixing.means(distance, sigma, places(shifts), np.float32(0))
