@@ -64,6 +64,91 @@ def tally(rank, size, halves, counts):  # type: ignore[no-untyped-def]
                 counts[3, i, j] += (known and half < 0) - least
 
 
+@njit(nogil=True, cache=True)
+def outermost(rank, size, distance, sigma, most, away, positions, outer):  # type: ignore[no-untyped-def]
+    """outer (2, R, H, W) ← the R nearest of y + away · σ and of −y + away · σ by pixel of the grid, sorted.
+
+    Infinite where fewer are sure. By a team, of which each looks through all samples for those on its rows.
+
+    Args:
+        distance: (N, H, W), any unit, NaN = not used.
+        sigma: (N, H, W), deviations in distance's unit.
+        most: deviation from which a sample is not sure.
+        away: deviations.
+        positions: (N, H, W, 2), pixels of frame 0.
+        outer: (2, R, H, W) ←.
+    """
+    frames, rows, columns = distance.shape
+    first, last = rank * rows // size, (rank + 1) * rows // size
+    outer[:, :, first:last] = np.float32(np.inf)
+    places = np.empty(columns, np.int32)
+    for k in range(frames):
+        for i in range(rows):
+            find(positions[k, i], rows, columns, places)
+            for j in range(columns):
+                y, s, place = distance[k, i, j], sigma[k, i, j], places[j]
+                if s <= most and first * columns <= place < last * columns and y == y:
+                    u, v = place // columns, place % columns
+                    _insert(y + away * s, outer[0, :, u, v])
+                    _insert(away * s - y, outer[1, :, u, v])
+
+
+@njit
+def _insert(value, ranked):  # type: ignore[no-untyped-def]
+    """Put a value in its place among the least, of which the greatest is given up."""
+    for at in range(ranked.size):
+        if value < ranked[at]:
+            value, ranked[at] = ranked[at], value
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def light_up(rank, size, distance, sigma, most, positions, amplitude, bounds, doubt, sums):  # type: ignore[no-untyped-def]
+    """sums (7, H, W) ← by pixel of the grid: samples that look there, lost ones, and the sums of (1) in
+    `solver.preparation.lights`, A S², A S (1 − S), A (1 − S)², S and 1 − S.
+
+    By a team, of which each looks through all samples for those on its rows.
+
+    Args:
+        distance: (N, H, W), any unit, NaN = lost.
+        sigma: (N, H, W), deviations in distance's unit.
+        most: deviation from which a sample is lost.
+        positions: (N, H, W, 2), pixels of frame 0.
+        amplitude: (N, H, W), any unit.
+        bounds: two of (H, W), the nearest and the farthest distance around; infinite where it is not known.
+        doubt: a sample of which half as many deviations span the way between the bounds does not count, and
+            counts in full where all of them do.
+        sums: (7, H, W) ←.
+    """
+    frames, rows, columns = distance.shape
+    first, last = rank * rows // size, (rank + 1) * rows // size
+    sums[:, first:last] = 0
+    near, far = bounds[0].reshape(-1), bounds[1].reshape(-1)
+    places, one = np.empty(columns, np.int32), np.float32(1)
+    for k in range(frames):
+        for i in range(rows):
+            find(positions[k, i], rows, columns, places)
+            for j in range(columns):
+                place = places[j]
+                if not first * columns <= place < last * columns:
+                    continue
+                y, s, light = distance[k, i, j], sigma[k, i, j], amplitude[k, i, j]
+                into = sums[:, place // columns, place % columns]
+                into[0] += one
+                if not (s <= most and y == y):
+                    into[1] += one
+                    continue
+                span = far[place] - near[place]
+                if not (0 < span < np.inf and light > 0):
+                    continue
+                part = min(max((far[place] - y) / span, np.float32(0)), one)
+                sure = min(max(2 - doubt * s / span, np.float32(0)), one)
+                into[2] += sure * light * part * part
+                into[3] += sure * light * part * (one - part)
+                into[4] += sure * light * (one - part) * (one - part)
+                into[5] += sure * part
+                into[6] += sure * (one - part)
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
 def unmix(rank, size, measured, sigma, positions, bounds, ratio, least, doubt, error, distance, deviation):  # type: ignore[no-untyped-def]
     """distance and deviation (N, H, W) ← what samples would be if they were means of distances; by a team.

@@ -100,12 +100,11 @@ class Problem:
 
     @cached_property
     def unmixing(self) -> Unmixing | None:
-        """How samples are mixed, where they average phasors; where frames change, its bounds follow and its
-        ratio stays as it was at first."""
+        """How samples are mixed, where they average phasors; of those at first, where frames change."""
         if self.consensus is None or self.ambiguity_range is None:
             return None
-        samples = self.consensus.measured, self.sigma, self.positions
-        return Unmixing(*samples, self.consensus.bounds, self.ambiguity_range / LOST)
+        lost = self.ambiguity_range / LOST
+        return Unmixing.learned(self.consensus, self.sigma, self.positions, self.amplitude, lost)
 
 
 @dataclass(frozen=True, slots=True)

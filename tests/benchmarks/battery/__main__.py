@@ -9,9 +9,10 @@ consistency, what happens with better data; where one frame errs less; and metro
 `results/` holds rows of one seed or two: `unfactored.json` with one prior on real and imaginary part in
 `phasor`, `factored.json` since amplitude and distance have their own, `faster.json` (scenes reported on, no
 `area`) since it has four pairs, ten steps and a slope that follows blunt steps, `tilted.json` since the slope
-is that of 1 / distance, `settled.json` since cells go to the side that has more of them, `unmixed.json`
-(`nearest` and `area`) since `area` takes mixed samples as means, `followed.json` (`phasor` alone) since
-slopes are taken by side and relief is followed; `conditions.json` other conditions on six scenes.
+is that of 1 / distance, `settled.json` since cells go to the side that has more of them, `followed.json`
+(`phasor` alone) since slopes are taken by side and relief is followed, `lit.json` (`nearest` and `area`)
+since `area` takes mixed samples as means and reads their shares off the lights; `conditions.json` other
+conditions on six scenes.
 """
 
 import argparse
