@@ -1,15 +1,17 @@
 """List what the fusion compiles: `python tests/benchmarks/signatures.py`.
 
 It writes `solver/runtime/signatures.json`: for each method a burst and a stream are fused, of the small scene
-that a service starts with and of the bundled recording, each method in a process of its own; the kernels that
-were called are listed with the types of their arguments. Run it after a kernel is added, renamed or given
-other arguments: a test asks for it.
+that a service starts with and of the bundled recording (for `area` also without its amplitude, as `auto`
+takes it for cameras that give none), each method in a process of its own; the kernels that were called are
+listed with the types of their arguments. Run it after a kernel is added, renamed or given other arguments: a
+test asks for it.
 """
 
 import gc
 import json
 import multiprocessing
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +67,9 @@ def fuse_all(method: str) -> None:
     frames, calibration = tuple(recording.frames())[:15], recording.calibration
     fuse_small_scenes(WarmUp(settings, 4))
     fuse_burst(Burst(0, frames, calibration, len(frames)), settings)
+    if method == "area":
+        dim = tuple(replace(frame, amplitude=None) for frame in frames)
+        fuse_burst(Burst(0, dim, calibration, len(dim)), settings)
     jobs = [FrameJob(frame, calibration, settings, 8, 1, number) for number, frame in enumerate(frames)]
     pushed = Stream(jobs[0])
     for job in jobs:
