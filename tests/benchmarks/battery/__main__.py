@@ -6,13 +6,8 @@ consistency, what happens with better data; where one frame errs less; and metro
 0.5 m. Scenes with * may be tuned with; ratios are geometric means over scenes whose limit exceeds 1 mm RMS.
 `--quick`: five scenes, one seed, no metrology.
 
-`results/` holds rows of one seed or two: `unfactored.json` with one prior on real and imaginary part in
-`phasor`, `factored.json` since amplitude and distance have their own, `faster.json` (scenes reported on, no
-`area`) since it has four pairs, ten steps and a slope that follows blunt steps, `tilted.json` since the slope
-is that of 1 / distance, `settled.json` since cells go to the side that has more of them, `followed.json`
-(`phasor` alone) since slopes are taken by side and relief is followed, `lit.json` (`nearest` and `area`)
-since `area` takes mixed samples as means and reads their shares off the lights; `conditions.json` other
-conditions on six scenes.
+`results/` holds rows of one seed: `followed.json` (`phasor`), `lit.json` (`nearest` and `area`), `settled.json`
+(the other methods), and `conditions.json` (other conditions on six scenes).
 """
 
 import argparse
