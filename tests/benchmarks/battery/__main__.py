@@ -6,8 +6,8 @@ consistency, what happens with better data; where one frame errs less; and metro
 0.5 m. Scenes with * may be tuned with; ratios are geometric means over scenes whose limit exceeds 1 mm RMS.
 `--quick`: five scenes, one seed, no metrology.
 
-`results/` holds rows of one seed: `followed.json` (`phasor`), `lit.json` (`nearest` and `area`), `settled.json`
-(the other methods), and `conditions.json` (other conditions on six scenes).
+`results/` holds rows of one seed: `followed.json` of `phasor`, `lit.json` of `nearest` and `area`, and
+`conditions.json` other conditions on six scenes.
 """
 
 import argparse
