@@ -43,7 +43,7 @@ class SimulatedCamera(Camera):
 
     A frame is computed while it is exposed, for where the stage is expected to point, so that whoever grabs
     waits as long as for a real camera; anew only where something else moved the stage meanwhile. By how much
-    computing made a frame late is not held against whoever fetches the next one.
+    computing made a frame late is not held against whoever fetches the next ones, a period less each time.
     """
 
     Options = CameraOptions
@@ -100,11 +100,13 @@ class SimulatedCamera(Camera):
         start = ready - self._exposure(self._settings)
         expected = self._poses(start)
         images = self._expose(expected, number)
-        self._late = max(0, self.clock.now() - max(now, ready))
+        self._late = max(self.clock.now() - max(now, ready), self._late - period, 0)
         self.clock.sleep((ready - self.clock.now()) / 1e9)
         self._next = number + 1
         if (poses := self._poses(start)) != expected:
+            began = self.clock.now()
             images = self._expose(poses, number)
+            self._late += self.clock.now() - began
         return self._frame(number, start, *images)
 
     @property

@@ -86,12 +86,13 @@ def _inform(z, i, bend, weight, law, square, out):  # type: ignore[no-untyped-de
     n, kind = out.size, out.dtype.type
     a, b, m = view(z, (0, i), 2, n), view(z, (1, i), 2, n), view(bend, (i,), 2, n)
     averaged, power, told, left, least = law
-    one, tiny = kind(1), kind(1e-30)
+    one, tiny, unknown = kind(1), kind(1e-30), kind(np.pi**2 / 3)
     for j in range(n):
         own = weight * m[j] * (a[j] * a[j] + b[j] * b[j]) + tiny
         noise = averaged / own
         hidden, seen = power * noise, square[j] + tiny
-        out[j] = one / (noise + told * min(seen, hidden * hidden / seen) + left * seen + least)
+        lost = noise + told * min(seen, hidden * hidden / seen) + left * seen + least
+        out[j] = one / min(lost, unknown)
 
 
 @njit(nogil=True, cache=True)
@@ -100,7 +101,8 @@ def informed(rank, size, z, bend, weight, tilt, measure, away, scale, law, out):
 
     Data of density d, averaged over a support of n pixels, leave 1 / (n d). Second differences of the tilt
     that exceed their noise have been followed, all but a part; what does not is lost in it: of a power x with
-    noise of power y in it a filter that passes 1 − y / x of it leaves y² / x, or x where all is noise.
+    noise of power y in it a filter that passes 1 − y / x of it leaves y² / x, or x where all is noise. What
+    nothing is known of may be any angle, of variance π² / 3.
 
     Args:
         z: (2, rows + 4, columns + 4), the phasors.

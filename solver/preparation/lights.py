@@ -29,7 +29,7 @@ from solver.runtime import team
 Image = NDArray[np.float32]
 
 _RANK = 3
-"""Two samples on a pixel may be wrong."""
+"""Two samples on a pixel may be wrong; of three or four frames one."""
 
 _SURE = 0.5
 """Of the deviation from which a sample is lost: one in three thousand that get no light seems surer."""

@@ -54,6 +54,11 @@ def prepare(
     if len(distance) >= MAJORITY and noise > 0 and options.method not in SINGLE:
         consensus = Consensus(distance, sigma, positions, ambiguity_range, options.method == "phasor")
         distance = consensus.kept()
+        if np.isnan(distance).all():
+            raise FusionInputError(
+                f"the frames contradict each other by far more than the noise of {noise:g}; give it in the "
+                "unit of the distances, or None to have it estimated"
+            )
     return Problem(
         distance,
         amplitude,

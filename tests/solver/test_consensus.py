@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from made_bursts import Burst, burst, depth
 
-from solver import FusionOptions, SlidingFusion, fuse
+from solver import FusionInputError, FusionOptions, SlidingFusion, fuse
 from solver.evaluation import DepthMap, errors, make_trial, procedural_object
 from solver.geometry.positions import sample_positions
 from solver.options import Method
@@ -225,3 +225,15 @@ def test_nothing_is_contradicted_where_the_noise_is_not_known() -> None:
     fused = fuse(row, shifts=np.zeros((5, 2)), options=FusionOptions(method="shift-and-add"))
     assert fused.report.noise == 0
     assert fused.report.contradicted == 0
+
+
+@pytest.mark.parametrize("method", ["area", "phasor"])
+def test_frames_of_which_no_sample_agrees_are_refused_in_words(method: Method) -> None:
+    random = np.random.default_rng(6)
+    shifts = random.uniform(-0.4, 0.4, (9, 2))
+    shifts[0] = 0
+    distance = (2 + 0.3 * random.normal(size=(9, 2, 2))).astype(np.float32)
+    light = np.full(distance.shape, 1000, np.float32)
+    options = FusionOptions(method=method, upsampling=1)
+    with pytest.raises(FusionInputError, match="more than the noise"):
+        fuse(distance, light, shifts=shifts, options=options, ambiguity_range=RANGE, noise=1e-6)

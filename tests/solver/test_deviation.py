@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from solver import FusionOptions, fuse
+from solver.options import Method
 
 
 @pytest.mark.parametrize("method", ["lidarboost", "area"])
@@ -40,3 +41,17 @@ def away_from_edges(truth: np.ndarray) -> np.ndarray:
     far[:8] = far[-8:] = False
     far[:, :8] = far[:, -8:] = False
     return far
+
+
+@pytest.mark.parametrize("method", ["area", "phasor"])
+def test_what_lies_far_from_all_samples_has_no_absurd_deviation(method: Method) -> None:
+    random = np.random.default_rng(0)
+    shifts = random.uniform(-1, 1, (15, 2))
+    shifts[0] = 0
+    distance = (2 + 0.01 * random.normal(size=(15, 32, 32))).astype(np.float32)
+    distance[:, :, 20:] = np.nan
+    options = FusionOptions(method=method)
+    light = np.full(distance.shape, 1000, np.float32)
+    fused = fuse(distance, light, shifts=shifts, options=options, ambiguity_range=7.5, noise=10.0)
+    stated = fused.deviation[np.isfinite(fused.distance)]
+    assert 0 < stated.min() <= stated.max() < 1000

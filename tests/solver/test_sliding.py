@@ -78,7 +78,9 @@ def test_a_window_whose_frames_are_exchanged_gives_what_fuse_gives(method: str) 
         assert np.percentile(difference, 99) < 0.005
         spread = np.abs(streamed.deviation / whole.deviation - 1)
         # What `phasor` tells of its bias is read off a few windows of the map, so it scatters.
-        assert np.percentile(spread, 90 if method == "phasor" else 99) < (0.45 if method == "phasor" else 0.3)
+        if method == "phasor":
+            assert np.percentile(spread, 90) < 0.45
+        assert np.percentile(spread, 99) < (2 if method == "phasor" else 0.3)
         if method == "lidarboost":  # one convex problem, whatever the start
             assert streamed.report.objective == pytest.approx(whole.report.objective, rel=0.06)
 
