@@ -1,3 +1,5 @@
+"""The Dynamixel stage against emulated servos: consent, limits, turns, halts and faults of the line."""
+
 from itertools import pairwise
 from math import radians, tau
 
