@@ -1,10 +1,15 @@
+import json
+import os
 import socket
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from jobs_to_fuse import SETTINGS
+from scripted import frame
+from typed import write
 
 from drivers import Frame, sr3000_calibration
 from service.config.sections import FusionSection
@@ -32,6 +37,28 @@ def free_endpoint() -> Callable[[], str]:
 def endpoint(free_endpoint: Callable[[], str]) -> str:
     """One of them."""
     return free_endpoint()
+
+
+@pytest.fixture
+def typing_settings(
+    monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory, endpoint: str
+) -> None:
+    """A port of its own, and the fastest method: what is tested of commands is not the fusion."""
+    for name in os.environ:
+        if name.startswith("LIDARBOOST_"):
+            monkeypatch.delenv(name)
+    zenoh = tmp_path_factory.mktemp("typed") / "zenoh.json5"
+    zenoh.write_text(json.dumps({"listen": {"endpoints": [endpoint]}}))
+    monkeypatch.setenv("LIDARBOOST_ZENOH__CONFIG", str(zenoh))
+    monkeypatch.setenv("LIDARBOOST_FUSION__METHOD", "nearest")
+    monkeypatch.setenv("LIDARBOOST_FUSION__REGISTER_POSES", "false")
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    """Three bursts of four tiny frames."""
+    frames = [frame(k, 10**18 + k * 10**8, burst=k // 4, pose=k % 4) for k in range(12)]
+    return write(tmp_path / "small.mcap", frames)
 
 
 @pytest.fixture(scope="session")

@@ -10,11 +10,10 @@ from pathlib import Path
 import pytest
 from dask_cluster import ROOT, until
 from scripted import calibration, frame
-from typer.testing import CliRunner, Result
+from typed import lidarboost
 
 from drivers.calibration import Mount
 from drivers.recording import RecordingWriter, open_recording
-from service.cli import app
 from service.config.sections import FusionSection
 from service.jobs.pool import fuse_in_pool
 from service.jobs.result_name import recordings_among, result_path, working_file
@@ -24,18 +23,7 @@ from service.messages.viewing import Extras
 WEDGES = ROOT / "recordings" / "wedges.mcap"
 
 
-@pytest.fixture(autouse=True)
-def _settings(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The fastest method: what is tested here is not the fusion."""
-    for name in os.environ:
-        if name.startswith("LIDARBOOST_"):
-            monkeypatch.delenv(name)
-    monkeypatch.setenv("LIDARBOOST_FUSION__METHOD", "nearest")
-    monkeypatch.setenv("LIDARBOOST_FUSION__REGISTER_POSES", "false")
-
-
-def lidarboost(*words: object) -> Result:
-    return CliRunner().invoke(app, [str(word) for word in words], prog_name="lidarboost")
+pytestmark = pytest.mark.usefixtures("typing_settings")
 
 
 def tiny(path: Path, first: int = 0) -> Path:

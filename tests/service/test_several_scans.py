@@ -1,39 +1,27 @@
 """Two scans in one recording, and runs into one directory: nothing is mixed, nothing written over."""
 
 import json
-import os
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scripted import calibration, frame
-from typer.testing import CliRunner, Result
+from typed import lidarboost
 
 from drivers.calibration import Calibration, Mount
 from drivers.messages import decode_calibration
 from drivers.recording import RecordingWriter, open_recording
-from service.cli import app
 
 HOUR = 3600 * 10**9
 START = 10**18
 
+pytestmark = pytest.mark.usefixtures("typing_settings", "_doubled")
 
-@pytest.fixture(autouse=True)
-def _settings(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, endpoint: str) -> None:
-    for name in os.environ:
-        if name.startswith("LIDARBOOST_"):
-            monkeypatch.delenv(name)
-    zenoh = tmp_path / "zenoh.json5"
-    zenoh.write_text(json.dumps({"listen": {"endpoints": [endpoint]}}))
-    monkeypatch.setenv("LIDARBOOST_ZENOH__CONFIG", str(zenoh))
-    monkeypatch.setenv("LIDARBOOST_FUSION__METHOD", "nearest")
+
+@pytest.fixture
+def _doubled(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LIDARBOOST_FUSION__UPSAMPLING", "2")
-    monkeypatch.setenv("LIDARBOOST_FUSION__REGISTER_POSES", "false")
-
-
-def lidarboost(*words: object) -> Result:
-    return CliRunner().invoke(app, [str(word) for word in words], prog_name="lidarboost")
 
 
 def wider() -> Calibration:
