@@ -3,8 +3,9 @@
 One table: for each method with a λ, each scene and noise level, the errors at `auto`, the least of a sweep
 from an eighth to eight times that λ (each measure's own), and their ratio; errors are means over the seeds.
 The built-in object and, where the file is at hand, the scanned figure come by the paper's protocol, in units
-of its depth (0..182). The recordings in `recordings/` come as they are and with four times their noise; their
-errors are in mm, their λ in m (`phasor`: a factor). Displacements are estimated, once per burst.
+of its depth (0..182), the recordings in `recordings/` as they are; their displacements are estimated, once
+per burst. Four tuning scenes of the battery come with N 4 to 60, β 2 to 8, and a sixteenth to four times the
+noise. Of these and the recordings errors are in mm, λ in m (`phasor`: a factor).
 """
 
 import argparse
@@ -30,26 +31,32 @@ from solver.evaluation import MATCHED, DepthMap, errors, make_trial, procedural_
 from solver.options import Method
 from solver.preparation.noise import estimate
 
+sys.path.append(str(Path(__file__).parent / "battery"))
+
+from catalogue import to_tune
+from rig import CONDITIONS, capture, look
+
 Image = NDArray[np.float32]
 ROOT = Path(__file__).parents[2]
 FIGURE = ROOT.parent / "shared" / "data" / "bunny_depth.npz"
 RECORDINGS = ("wedges", "objects")
-NOISIER = (1, 4)  # times the noise of a recording
+SCENES = ("boxes", "stairs", "blobs", "dark")
+SEEN = ("base", "noise/16", "noise/4", "noise*4", "N=4", "N=60", "x2", "x8")
 METHODS: tuple[Method, ...] = ("ibsr", "mrf", "lidarboost", "area", "phasor")
 FACTORS = (1 / 8, 1 / 4, 1 / 2, 1.0, 2.0, 4.0, 8.0)
 ENOUGH = 1.10  # of the best error: nobody would turn λ for less
 NOTES = """\
 ibsr: the paper's λ is 0.04.
-mrf: guided by the fused amplitude of the recordings; the other scenes have none, and all links are equal.
+mrf: guided by the fused amplitude; object and figure have none, and all links are equal.
 phasor: needs amplitude, which the built-in object and the figure lack: left out there."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """One burst; `given` are the arguments of `fuse`, its displacements among them."""
+    """One burst, `name` says of what noise or condition; `given` are the arguments of `fuse`."""
 
     scene: str
-    noise: str
+    name: str
     seed: int
     truth: Image
     scale: float
@@ -59,7 +66,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Row:
-    """One method on one scene and noise level.
+    """One method on one case of a scene.
 
     Attributes:
         strength: λ of `auto`, mean over the seeds.
@@ -68,7 +75,7 @@ class Row:
 
     method: str
     scene: str
-    noise: str
+    case: str
     seeds: int
     strength: float
     rms: dict[float, float]
@@ -117,8 +124,8 @@ def figure(seeds: int) -> Iterator[Case]:
     yield from protocol("figure", depth, seeds)
 
 
-def recorded(name: str, seeds: int) -> Iterator[Case]:
-    """The first burst of a bundled recording as the daemon fuses it, and with more noise."""
+def recorded(name: str, _seeds: int) -> Iterator[Case]:
+    """The first burst of a bundled recording as the daemon fuses it."""
     recording = open_recording(ROOT / "recordings" / f"{name}.mcap")
     calibration, truth = recording.calibration, recording.truth
     if truth is None:
@@ -129,37 +136,32 @@ def recorded(name: str, seeds: int) -> Iterator[Case]:
     noise = estimate(distance, amplitude, span)
     if law is not None:
         noise = law.for_signal(burst.reference.integration_time)
-    for times in NOISIER:
-        for seed in range(1 if times == 1 else seeds):
-            frames, light = noisier(distance, amplitude, span, noise * np.sqrt(times**2 - 1), seed)
-            yield registered(
-                name,
-                f"× {times:g}",
-                seed,
-                truth,
-                1e3,
-                distance=frames,
-                amplitude=light,
-                initial=relative_rotations([(f.pan, f.tilt) for f in burst.frames], calibration.mount),
-                intrinsics=calibration.intrinsics.matrix,
-                distortion=calibration.distortion or None,
-                ambiguity_range=span,
-                noise=noise * times,
-                options={"footprint": Footprint(side=footprint.fill_factor, blur=footprint.blur)},
-            )
+    yield registered(
+        name,
+        "as is",
+        0,
+        truth,
+        1e3,
+        distance=distance,
+        amplitude=amplitude,
+        initial=relative_rotations([(f.pan, f.tilt) for f in burst.frames], calibration.mount),
+        intrinsics=calibration.intrinsics.matrix,
+        distortion=calibration.distortion or None,
+        ambiguity_range=span,
+        noise=noise,
+        options={"footprint": Footprint(side=footprint.fill_factor, blur=footprint.blur)},
+    )
 
 
-def noisier(
-    distance: Image, amplitude: Image, ambiguity_range: float, noise: float, seed: int
-) -> tuple[Image, Image]:
-    """Frames with noise added to what a pixel measures, the phasor."""
-    if noise == 0:
-        return distance, amplitude
-    turn = 2 * np.pi / ambiguity_range
-    random = np.random.default_rng(seed).normal(0, noise * turn, (2, *distance.shape))
-    phasor = amplitude * np.exp(1j * turn * distance) + random[0] + 1j * random[1]
-    distance = np.mod(np.angle(phasor), 2 * np.pi) / turn
-    return distance.astype(np.float32), np.nan_to_num(np.abs(phasor)).astype(np.float32)
+def seen(name: str, seeds: int) -> Iterator[Case]:
+    """A tuning scene of the battery under conditions of N, β and noise, exact poses."""
+    view = look(to_tune(name), tuple({CONDITIONS[label].upsampling for label in SEEN}))
+    for label in SEEN:
+        condition = CONDITIONS[label]
+        for seed in range(seeds):
+            given = capture(view, condition, seed).given
+            options = {"upsampling": condition.upsampling}
+            yield Case(name, label, seed, view.truth[condition.upsampling], 1e3, given, options)
 
 
 Source = Callable[[int], Iterator[Case]]
@@ -170,7 +172,8 @@ def scenes() -> dict[str, Source]:
     found: dict[str, Source] = {"object": built_in}
     if FIGURE.exists():
         found["figure"] = figure
-    return found | {name: partial(recorded, name) for name in RECORDINGS}
+    found |= {name: partial(recorded, name) for name in RECORDINGS}
+    return found | {name: partial(seen, name) for name in SCENES}
 
 
 def sweep(case: Case, method: Method) -> Row:
@@ -188,7 +191,7 @@ def sweep(case: Case, method: Method) -> Row:
         others = {f: errs(f * automatic) for f in FACTORS if f != 1}
     tried = {f: others[f][1:] if f != 1 else (rms, mae) for f in FACTORS}
     first, second = ({f: pair[i] for f, pair in tried.items()} for i in (0, 1))
-    return Row(method, case.scene, case.noise, 1, automatic, first, second)
+    return Row(method, case.scene, case.name, 1, automatic, first, second)
 
 
 def mean(rows: list[Row]) -> Row:
@@ -197,19 +200,19 @@ def mean(rows: list[Row]) -> Row:
     rms = {f: float(np.sqrt(np.mean([row.rms[f] ** 2 for row in rows]))) for f in FACTORS}
     mae = {f: float(np.mean([row.mae[f] for row in rows])) for f in FACTORS}
     strength = float(np.mean([row.strength for row in rows]))
-    return Row(one.method, one.scene, one.noise, len(rows), strength, rms, mae)
+    return Row(one.method, one.scene, one.case, len(rows), strength, rms, mae)
 
 
 def measure(sources: Mapping[str, Source], methods: list[Method], seeds: int) -> list[Row]:
-    """Rows by method, scene and noise; a line on stderr for each burst and method."""
+    """Rows by method, scene and case; a line on stderr for each burst and method."""
     found: dict[tuple[str, str, str], list[Row]] = {}
     for source in sources.values():
         for case in source(seeds):
             for method in methods:
                 if method == "phasor" and case.given["amplitude"] is None:
                     continue
-                print(f"{method}, {case.scene}, noise {case.noise}, seed {case.seed}", file=sys.stderr)
-                found.setdefault((method, case.scene, case.noise), []).append(sweep(case, method))
+                print(f"{method}, {case.scene}, {case.name}, seed {case.seed}", file=sys.stderr)
+                found.setdefault((method, case.scene, case.name), []).append(sweep(case, method))
     order: dict[str, int] = {method: number for number, method in enumerate(METHODS)}
     return sorted((mean(rows) for rows in found.values()), key=lambda row: order[row.method])
 
@@ -217,7 +220,7 @@ def measure(sources: Mapping[str, Source], methods: list[Method], seeds: int) ->
 def show(rows: list[Row]) -> None:
     """The table as text."""
     print(
-        "method      scene    noise        λ   RMS auto    best  at λ ×  ratio "
+        "method      scene        case        λ   RMS auto    best  at λ ×  ratio "
         "  mean abs. auto    best  at λ ×  ratio"
     )
     for row in rows:
@@ -226,7 +229,7 @@ def show(rows: list[Row]) -> None:
             f"{' ' if ratio <= ENOUGH else '!'}"
             for by, ratio, width in zip((row.rms, row.mae), row.ratios, (10, 16), strict=True)
         )
-        print(f"{row.method:<11} {row.scene:<8} {row.noise:>5} {row.strength:>8.3g} {left} {right}")
+        print(f"{row.method:<11} {row.scene:<8} {row.case:>8} {row.strength:>8.3g} {left} {right}")
     print(f"! more than {ENOUGH:g} of the best\n{NOTES}")
 
 

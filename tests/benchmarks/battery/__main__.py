@@ -53,20 +53,24 @@ def run(scenes: list[str], conditions: list[str], methods: list[Method], seeds: 
     factors = tuple(sorted({CONDITIONS[name].upsampling for name in conditions}))
     for number, name in enumerate(scenes):
         begin = time.perf_counter()
-        view = look(to_report(name), factors)
-        limits = {factor: limit(view.scene, factor) for factor in factors}
+        lenses = {CONDITIONS[label].lens for label in conditions}
+        views = {lens: look(to_report(name), factors, lens=lens) for lens in lenses}
+        limits = {(lens, f): limit(view, f) for lens, view in views.items() for f in factors}
         for label in conditions:
             condition = CONDITIONS[label]
-            factor = condition.upsampling
+            factor, view = condition.upsampling, views[condition.lens]
             truth = view.truth[factor]
             for seed in range(seeds):
                 burst = capture(view, condition, seed)
                 shape = burst.distance.shape
                 positions = sample_positions(
-                    shape, rotations=burst.rotations, intrinsics=burst.given["intrinsics"]
+                    shape,
+                    rotations=burst.rotations,
+                    intrinsics=burst.given["intrinsics"],
+                    distortion=burst.given.get("distortion"),
                 )
                 region = regions(truth, positions, factor)
-                best = measure(limits[factor], None, truth, region, RANGE)
+                best = measure(limits[condition.lens, factor], None, truth, region, RANGE)
                 head = {"scene": name, "condition": label, "seed": seed}
                 rows.append({**head, "method": "limit", **best})
                 for method in methods:

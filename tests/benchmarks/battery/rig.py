@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.calibration import Calibration, Intrinsics, Mount
+from drivers.calibration import Calibration, Intrinsics, Mount, sr4000_calibration
 from drivers.poses import relative_rotations
 from drivers.simulation.render import Renderer
 from drivers.simulation.scene import Scene
@@ -38,6 +38,7 @@ class Condition:
         shot: part of the noise variance at 3,000 counts that grows with the light.
         told: whether the solver is told the noise.
         amplitude: whether the solver is given the amplitude.
+        lens: whether the camera has an SR4000's lens, which moves the corners by four pixels, or none.
     """
 
     frames: int = 15
@@ -50,6 +51,7 @@ class Condition:
     shot: float = 0.0
     told: bool = True
     amplitude: bool = True
+    lens: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +59,7 @@ class View:
     """A scene as the camera sees it, and its `truth` at each β: (βH, βW) metres, NaN where nothing is."""
 
     scene: Scene
+    camera: Calibration
     renderer: Renderer
     truth: dict[int, Image]
 
@@ -72,24 +75,31 @@ class Burst:
     noise: float
 
 
-def calibration(scale: int = 1) -> Calibration:
+def calibration(scale: int = 1, *, lens: bool = False) -> Calibration:
     """Of the camera, or of one with pixels `scale` times as fine."""
     centre = [(n * scale - 1) / 2 for n in (WIDTH, HEIGHT)]
     optics = Intrinsics(fx=FOCAL * scale, fy=FOCAL * scale, cx=centre[0], cy=centre[1])
-    return Calibration(width=WIDTH * scale, height=HEIGHT * scale, intrinsics=optics, source="battery")
+    return Calibration(
+        width=WIDTH * scale,
+        height=HEIGHT * scale,
+        intrinsics=optics,
+        distortion=sr4000_calibration().distortion if lens else (),
+        source="battery",
+    )
 
 
-def look(scene: Scene, factors: tuple[int, ...]) -> View:
+def look(scene: Scene, factors: tuple[int, ...], *, lens: bool = False) -> View:
     """The scene with its truth at each β."""
-    renderer = Renderer(scene, calibration())
+    camera = calibration(lens=lens)
+    renderer = Renderer(scene, camera)
     rest = Position(0.0, 0.0)
     truth = {factor: renderer.truth(rest, factor, 1.0).distance for factor in factors}
-    return View(scene, renderer, truth)
+    return View(scene, camera, renderer, truth)
 
 
-def limit(scene: Scene, factor: int) -> Image:
+def limit(view: View, factor: int) -> Image:
     """What a noise-free camera of the fused resolution measures."""
-    fine = Renderer(scene, calibration(factor))
+    fine = Renderer(view.scene, calibration(factor, lens=bool(view.camera.distortion)))
     real, imaginary = fine.correlations([Position(0.0, 0.0)] * 4, RANGE)[:2]
     lit = real**2 + imaginary**2 > 0
     angle = np.where(lit, np.arctan2(imaginary, real) % (2 * np.pi), np.nan)
@@ -97,9 +107,9 @@ def limit(scene: Scene, factor: int) -> Image:
 
 
 def capture(view: View, condition: Condition, seed: int) -> Burst:
-    """A burst; the same seed, the same frames."""
+    """A burst by the camera of `view`; the same seed, the same frames."""
     random = np.random.default_rng(seed)
-    camera = calibration()
+    camera = view.camera
     plan = make_plan(
         PlanSection(span=condition.span),
         condition.frames,
@@ -122,6 +132,8 @@ def capture(view: View, condition: Condition, seed: int) -> Burst:
     turns = relative_rotations(true, Mount())
     noise = deviation * RANGE / (2 * np.pi)
     given: dict[str, Any] = {"intrinsics": camera.intrinsics.matrix, "ambiguity_range": RANGE}
+    if camera.distortion:
+        given["distortion"] = camera.distortion
     if condition.told:
         given["noise"] = noise if condition.amplitude else noise / float(np.median(amplitude))
     if condition.amplitude:
@@ -162,5 +174,6 @@ CONDITIONS: dict[str, Condition] = {
     "shot": replace(BASE, shot=1.0),
     "untold": replace(BASE, told=False),
     "dim": replace(BASE, amplitude=False),
+    "lens": replace(BASE, lens=True),
 }
 """By name; all but one field are those of `base`. `untold`: the noise is estimated; `dim`: no amplitude."""
