@@ -1,8 +1,8 @@
 """Make the pages' tables from stored results: `python tests/benchmarks/figures.py [--check]`.
 
 A table stands in a page between `<!-- figures: NAME -->` and `<!-- end -->`; it is made of
-`results/NAME.json`, which the benchmark of the same name writes with `--json`. With `--check` nothing is
-written; the exit status says whether every page holds what is stored.
+`results/NAME.json`, which the benchmark of the same name writes with `--json`, or the battery (see there).
+With `--check` nothing is written; the exit status says whether every page holds what is stored.
 """
 
 import argparse
@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from battery_tables import conditions, metrology, scenes
 from stored import ROOT, Results, load
 
 PAGES = "README.md", "solver/FIGURES.md"
@@ -90,6 +91,10 @@ TABLES: dict[str, Callable[[Results], list[str]]] = {
     "streaming": streaming,
     "fusion": fusion,
     "peers": peers,
+    "reported": scenes,
+    "tuning": scenes,
+    "conditions": conditions,
+    "metrology": metrology,
 }
 
 

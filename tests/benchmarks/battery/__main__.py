@@ -6,8 +6,12 @@ consistency, what happens with better data; where one frame errs less; and metro
 0.5 m. Scenes with * may be tuned with; ratios are geometric means over scenes whose limit exceeds 1 mm RMS.
 `--quick`: five scenes, one seed, no metrology.
 
-`results/` holds rows of one seed: `followed.json` of `phasor`, `lit.json` of `nearest` and `area`, and
-`conditions.json` other conditions on six scenes.
+The pages' tables are made (`figures.py`) of what is stored in `tests/benchmarks/results` under these names:
+
+    --set reported --metrology no --json …/reported.json          --metrology only --json …/metrology.json
+    --set tuning --metrology no --json …/tuning.json
+    --condition all --scene stairs --scene dark --scene boxes --scene treads --scene objects --scene desk
+        --method area --method phasor --metrology no --json …/conditions.json
 """
 
 import argparse

@@ -1,6 +1,7 @@
 """The battery's rows as text."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -67,7 +68,7 @@ def _show_scenes(rows: list[Row], condition: str, methods: list[str], tuned: set
             print(f"{scene + star:<9} {method:<11}" + " ".join(parts) + shares + others)
     for kind, names in _kinds(scenes, tuned):
         for method in methods:
-            print(f"{kind}, {method:<11}" + _ratios(rows, condition, method, names))
+            print(f"{kind}, {method:<11}" + _line(summary(rows, condition, method, names)))
 
 
 def _kinds(scenes: list[str], tuned: set[str]) -> list[tuple[str, list[str]]]:
@@ -78,46 +79,85 @@ def _kinds(scenes: list[str], tuned: set[str]) -> list[tuple[str, list[str]]]:
     return [(kind, names) for kind, names in kinds if names]
 
 
-def _ratios(rows: list[Row], condition: str, method: str, scenes: list[str]) -> str:
-    """Geometric means of the ratios to the limit, and means of other columns."""
+@dataclass(frozen=True)
+class Summary:
+    """A method over many scenes.
+
+    Attributes:
+        rms, mean: geometric means of the ratios to the limit, over the `scenes` whose limit exceeds `FLOOR`.
+        away, edges, borders: mean absolute errors there, mm, mean over all scenes.
+        least, most: of the scenes' shares within one deviation, away from edges.
+        near: median of their shares within two deviations, at edges.
+    """
+
+    rms: float
+    mean: float
+    scenes: int
+    away: float
+    edges: float
+    borders: float
+    least: float
+    most: float
+    near: float
+
+
+def summary(rows: list[Row], condition: str, method: str, scenes: Iterable[str]) -> Summary | None:
+    """Of the scenes that have rows; None where none has."""
     pairs = [(pick(rows, s, condition, method), pick(rows, s, condition, "limit")) for s in scenes]
     pairs = [(own, limit) for own, limit in pairs if own]
-    wide = [(own, limit) for own, limit in pairs if mean(limit, "rms_all") > FLOOR]
     if not pairs:
-        return " –"
-    out = " ratio to the limit"
-    for name in ("rms_all", "mean_all"):
-        out += f" {geometric([mean(own, name) / mean(limit, name) for own, limit in wide]):.2f}"
-    out += f" over {len(wide)} scenes;"
-    for name in ("mean_away", "mean_edges", "mean_borders"):
-        values = [mean(own, name) for own, _ in pairs]
-        out += f" {name.split('_')[1]} {np.nanmean(values):.1f} mm"
-    inside = [mean(own, "within_away") for own, _ in pairs]
-    near = [mean(own, "within_edges") for own, _ in pairs]
-    return out + (
-        f"; <1σ away {100 * np.nanmin(inside):.0f}–{100 * np.nanmax(inside):.0f} %, "
-        f"<2σ edges median {100 * np.nanmedian(near):.0f} %"
+        return None
+    wide = [(own, limit) for own, limit in pairs if mean(limit, "rms_all") > FLOOR]
+    first, second = (
+        geometric([mean(own, name) / mean(limit, name) for own, limit in wide])
+        for name in ("rms_all", "mean_all")
     )
+    away, edges, borders = (
+        float(np.nanmean([mean(own, f"mean_{part}") for own, _ in pairs]))
+        for part in ("away", "edges", "borders")
+    )
+    inside = [mean(own, "within_away") for own, _ in pairs]
+    near = float(np.nanmedian([mean(own, "within_edges") for own, _ in pairs]))
+    bounds = float(np.nanmin(inside)), float(np.nanmax(inside))
+    return Summary(first, second, len(wide), away, edges, borders, *bounds, near)
+
+
+def _line(found: Summary | None) -> str:
+    if found is None:
+        return " –"
+    return (
+        f" ratio to the limit {found.rms:.2f} {found.mean:.2f} over {found.scenes} scenes; "
+        f"away {found.away:.1f} mm edges {found.edges:.1f} mm borders {found.borders:.1f} mm; "
+        f"<1σ away {100 * found.least:.0f}–{100 * found.most:.0f} %, "
+        f"<2σ edges median {100 * found.near:.0f} %"
+    )
+
+
+BETTER = ("noise/2", "noise/4", "noise/16", "N=30", "N=60")
+"""Conditions of better data than `base`."""
+
+
+def rises(rows: list[Row], condition: str, method: str) -> dict[str, float]:
+    """RMS by scene in units of that under `base`, the greatest first."""
+    found = {}
+    for scene in dict.fromkeys(row["scene"] for row in rows):
+        before, after = (pick(rows, scene, c, method) for c in ("base", condition))
+        if before and after:
+            found[scene] = mean(after, "rms_all") / mean(before, "rms_all")
+    return dict(sorted(found.items(), key=lambda x: -x[1]))
 
 
 def _show_consistency(rows: list[Row], methods: list[str]) -> None:
     """Where better data make a map worse."""
     print("\nconsistency: scenes whose RMS rises by over 2 % against base (by how much at most)")
-    scenes = list(dict.fromkeys(row["scene"] for row in rows))
     for condition in dict.fromkeys(row["condition"] for row in rows):
-        if condition not in ("noise/2", "noise/4", "noise/16", "N=30", "N=60"):
+        if condition not in BETTER:
             continue
         for method in methods:
-            rises = {}
-            for scene in scenes:
-                before, after = (pick(rows, scene, c, method) for c in ("base", condition))
-                if before and after:
-                    rises[scene] = mean(after, "rms_all") / mean(before, "rms_all")
-            worse = {scene: rise for scene, rise in rises.items() if rise > 1.02}
-            text = ", ".join(
-                f"{scene} {rise:.2f}" for scene, rise in sorted(worse.items(), key=lambda x: -x[1])
-            )
-            print(f"{condition:<9} {method:<11} {len(worse)} of {len(rises)}  {text}")
+            found = rises(rows, condition, method)
+            worse = {scene: rise for scene, rise in found.items() if rise > 1.02}
+            text = ", ".join(f"{scene} {rise:.2f}" for scene, rise in worse.items())
+            print(f"{condition:<9} {method:<11} {len(worse)} of {len(found)}  {text}")
 
 
 def _show_lost(rows: list[Row], methods: list[str]) -> None:
