@@ -5,8 +5,8 @@ of neighbours (see `ROWS`, `COLUMNS`) costs
 
     κ w log(1 + (d / δ)²),    d = their difference, for φ less the slope's part and modulo 2π,
 
-for φ times |Z|^¼ and divided by 1 + (Δl / e)²; it lies under ½ W d² + constant with W = 2 κ w / (δ² + d²),
-likewise.
+for φ times |Z|^¼ and divided by 1 + (Δl / e)² and by what it is loosened by; it lies under ½ W d² + constant
+with W = 2 κ w / (δ² + d²), likewise.
 Strengths W are (4, rows + 4, columns + 4), 0 where a pair leaves the image, and shortened (see
 `kernels.elementary`): a round of conjugate gradients waits for memory, and it does not matter by which
 majorant a step is found.
@@ -43,15 +43,16 @@ def _subtract(here, there, out):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=True, error_model="numpy")
-def _ease(i, k, z, change, ease, faint, out):  # type: ignore[no-untyped-def]
-    """out ← (1 + (Δl / e)²) / |Z|^¼, the first less where the darker one of the two has hardly any light."""
+def _ease(i, k, z, loose, change, ease, faint, out):  # type: ignore[no-untyped-def]
+    """out ← loose · (1 + (Δl / e)²) / |Z|^¼, the second factor less where the darker one is hardly lit."""
     n, c = out.size, COLUMNS[k]
     a0, b0 = view(z, (0, i + 2), 2, n), view(z, (1, i + 2), 2, n)
     a1, b1 = view(z, (0, i + 2 + ROWS[k]), 2 + c, n), view(z, (1, i + 2 + ROWS[k]), 2 + c, n)
-    one = out.dtype.type(1)
+    one, free = out.dtype.type(1), view(loose, (i + 2,), 2, n)
     for j in range(n):
         q = min(a0[j] * a0[j] + b0[j] * b0[j], a1[j] * a1[j] + b1[j] * b1[j])
-        out[j] = (one + ease * change[j] * change[j] * q / (q + faint)) / np.sqrt(np.sqrt(np.sqrt(q)))
+        own = free[j] / np.sqrt(np.sqrt(np.sqrt(q)))
+        out[j] = own * (one + ease * change[j] * change[j] * q / (q + faint))
 
 
 @njit
@@ -96,7 +97,7 @@ def _shorten(source, out):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _weigh(i, rows, state, z, slope, factors, logs, phases, lines, out):  # type: ignore[no-untyped-def]
+def _weigh(i, rows, state, z, loose, slope, factors, logs, phases, lines, out):  # type: ignore[no-untyped-def]
     """out (2, 2, 4, n + 4) ← strengths and fluxes W d of l and φ, row i's pairs; 0 beyond the image."""
     n = out.shape[3] - 4
     change, rise, eased, ones = lines
@@ -107,7 +108,7 @@ def _weigh(i, rows, state, z, slope, factors, logs, phases, lines, out):  # type
             continue
         _differences(i, k, state, slope, change, rise)
         double = 2 * factors[k]
-        _ease(i, k, z, change, kind(phases[2]), kind(phases[3]), eased)
+        _ease(i, k, z, loose, change, kind(phases[2]), kind(phases[3]), eased)
         for c in range(2):
             strength, flux = view(out, (c, 0, k), 2, n), view(out, (c, 1, k), 2, n)
             if c == 0:
@@ -151,7 +152,7 @@ def _finish(i, n, z, pull, bend, factor, right, inverse):  # type: ignore[no-unt
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def assemble(  # type: ignore[no-untyped-def]
-    rank, size, state, z, slope, factors, logs, phases, pull, bend, factor, v, w, right, inverse
+    rank, size, state, z, loose, slope, factors, logs, phases, pull, bend, factor, v, w, right, inverse
 ):
     """Strengths V, W, the right-hand side and the inverse of the diagonal; by a team.
 
@@ -169,7 +170,7 @@ def assemble(  # type: ignore[no-untyped-def]
     top, end = rank * rows // size, (rank + 1) * rows // size
     for row in range(top - 1, end):
         own, last = both[row & 1], both[1 - row & 1]
-        _weigh(row, rows, state, z, slope, factors, logs, phases, lines, own)
+        _weigh(row, rows, state, z, loose, slope, factors, logs, phases, lines, own)
         if row < top:
             continue
         i = row + 2
@@ -214,12 +215,13 @@ def _costs(d, square, out):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def cost(rank, size, state, z, slope, factors, logs, phases, sums):  # type: ignore[no-untyped-def]
+def cost(rank, size, state, z, loose, slope, factors, logs, phases, sums):  # type: ignore[no-untyped-def]
     """sums ← the penalties of each row's pairs; by a team.
 
     Args:
         state: (2, rows + 4, columns + 4), as in `assemble`.
         z: (2, rows + 4, columns + 4), the phasors.
+        loose: (rows + 4, columns + 4), padded by 2, what the penalties of φ are divided by besides.
         slope: (2, rows + 4, columns + 4), radians per pixel.
         factors: (4,), of the pairs.
         logs: (κ, δ) of l.
@@ -234,7 +236,7 @@ def cost(rank, size, state, z, slope, factors, logs, phases, sums):  # type: ign
             if i + ROWS[k] < rows:
                 _differences(i, k, state, slope, change, rise)
                 _costs(rise, kind(phases[1] * phases[1]), out)
-                _ease(i, k, z, change, kind(phases[2]), kind(phases[3]), rise)
+                _ease(i, k, z, loose, change, kind(phases[2]), kind(phases[3]), rise)
                 out /= rise
                 _end(COLUMNS[k], out)
                 sums[i] += factors[k] * phases[0] * float(out.sum())

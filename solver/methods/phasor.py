@@ -42,6 +42,10 @@ nevertheless where that one is ten times darker and seen by ten deviations: the 
 that errs by 1.5 deviations of a cell's light, and by 0.15 at least, is far from a half or the cell stays
 between the sides."""
 
+_MISPLACED = 0.005
+"""Part of how much light and distance change about a sample that the model errs by besides: where an edge
+crosses a fused pixel, that pixel's mean stands for the whole of it. A bright thing has rings without."""
+
 _RENEWED = SCHEDULE[:-1]
 """Of a stream that is prepared anew, which starts from the data too: edges that a map of other frames has
 found elsewhere hold out against sharp steps. With fewer steps a growing window's maps fall behind those of
@@ -166,6 +170,15 @@ def _settled(
     return out
 
 
+def _contrast(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(n, H, W): by how much phasors (2, n, H, W) differ about a pixel, squared."""
+    about, out = np.ones((3, 3), np.uint8), np.zeros(values.shape[1:], np.float32)
+    for part in values:
+        for frame, square in zip(part, out, strict=True):
+            square += np.square(cv2.dilate(frame, about) - cv2.erode(frame, about))
+    return out
+
+
 def _samples(problem: Problem, unit: float, frames: slice) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Values (2, n, H, W) in the unit given and weights (n, H, W) of n frames."""
     assert problem.amplitude is not None
@@ -176,5 +189,8 @@ def _samples(problem: Problem, unit: float, frames: slice) -> tuple[NDArray[np.f
     np.cos(phase, out=values[0])
     np.sin(phase, out=values[1])
     values *= problem.amplitude[frames] * np.float32(1 / unit)
-    lit = problem.amplitude[frames] > 0
-    return np.where(lit, values, 0), (np.isfinite(distance) & lit).astype(np.float32)
+    known = np.isfinite(distance) & (problem.amplitude[frames] > 0)
+    values = np.where(known, values, 0)
+    variance = np.float32((_component(problem) / unit) ** 2 + MODEL**2)
+    weights = variance / (variance + np.float32(_MISPLACED**2) * _contrast(values))
+    return values, np.where(known, weights, 0)

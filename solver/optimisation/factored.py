@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from solver.kernels import factors as kernels
 from solver.kernels import newton, pairs
 from solver.kernels.group import PAD
+from solver.optimisation.discrepancy import eased, spread
 from solver.optimisation.footprint import AreaTerm
 from solver.optimisation.padding import padded
 from solver.optimisation.slope import agreed, apart, curvature_noise, slope
@@ -34,8 +35,11 @@ from solver.runtime import team
 
 Image = NDArray[np.floating]
 
-MODEL = 0.004
+MODEL = 0.002
 """What the model errs by, in units of the RMS amplitude: it bounds s where there is hardly any noise."""
+
+_SHARP = 20.0
+"""Bluntness under which the prior gives way where the samples contradict it."""
 
 _LOG, _LOG_STEP, _LOG_BLUNT = 0.2, 0.035, 0.5
 """κ_l and δ_l, and the power of the bluntness that δ_l is widened by."""
@@ -148,6 +152,8 @@ class Factored:
     _bend: Image = field(init=False)
     _reach: float = field(init=False)
     _moved: bool = field(init=False, default=False)
+    _ease: Image = field(init=False)
+    _loose: Image = field(init=False)
 
     def __post_init__(self) -> None:
         mean = self.term.mean()
@@ -158,6 +164,8 @@ class Factored:
         self._strengths = np.zeros((2, pairs.PAIRS, *shape[1:]), np.uint16)
         self._work = tuple(np.zeros(shape, np.float32) for _ in range(5))
         self.z, self._bend = np.zeros(shape, np.float32), self.term.bend
+        self._loose = np.ones(shape[1:], np.float32)
+        self._ease = np.ones([n // self.term.factor for n in self.term.shape[1:]], np.float32)
         self._square, self._lit = np.ones(shape[1:], np.float32), np.ones(shape[1:], np.float32)
         self._reach = _REACH * self.term.factor * float(np.sqrt(np.sqrt(self.noise / _CALM)))
         self._move(self._work[0])
@@ -172,8 +180,11 @@ class Factored:
         self._tilt = self._find_tilt(step.blunt)
         weight = np.float32(self.weight)
         self.term.pull(self.z, weight, product)
+        if step.blunt < _SHARP:
+            self._ease = eased(self._ease, self.z, product, self._bend, weight, self.term.factor)
+            spread(self._ease, self._loose)
         state, data = (
-            (self.state, self.z, self._tilt[0], *self._laws(step.blunt)),
+            (self.state, self.z, self._loose, self._tilt[0], *self._laws(step.blunt)),
             (product, self._bend, weight),
         )
         team.share(pairs.assemble, *state, *data, *self._strengths, right, inverse)
@@ -226,7 +237,7 @@ class Factored:
         """E, with the penalties' true values at full sharpness, the slope as it is now."""
         sums = np.zeros(self.state.shape[1] - 2 * PAD)
         tilt = self._find_tilt(1.0)[0]
-        team.share(pairs.cost, self.state, self.z, tilt, *self._laws(1.0), sums)
+        team.share(pairs.cost, self.state, self.z, self._loose, tilt, *self._laws(1.0), sums)
         return 0.5 * self.weight * self.term.value(self.z) + float(sums.sum())
 
     def information(self) -> Image:

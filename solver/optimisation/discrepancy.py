@@ -1,0 +1,55 @@
+"""How hard a prior may hold a map: only so far as the samples bear it (Morozov's discrepancy principle).
+
+Where a map is too smooth all samples of a footprint pull at it in one direction; noise pulls in any. So the
+mean square of the data term's gradient over a few low-resolution pixels, in units of what noise makes of it,
+tells where a prior hides what the samples show, and the prior gives way there until they agree (locally
+adapted, as in Dong, Hintermüller, Rincon-Camacho, "Automated regularization parameter selection in
+multi-scale total variation models", J. Math. Imaging Vis. 40, 2011).
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from solver.kernels import discrepancy as kernels
+from solver.kernels.group import PAD
+from solver.runtime import team
+
+Image = NDArray[np.floating]
+
+_WINDOW = 5
+"""Low-resolution pixels to a side over which squares are averaged: of fewer the mean is uncertain, and over
+more a rough thing frees what is beside it."""
+
+_AGREES = 0.75
+"""Discrepancy, in units of noise that nothing is fitted to, at which map and samples agree; a smooth surface
+has 0.5 to 0.9."""
+
+_FREEST = 100.0
+"""By how much a prior gives way at most."""
+
+
+def eased(
+    ease: Image, z: Image, pull: Image, bend: Image, weight: np.floating, factor: int
+) -> NDArray[np.floating]:
+    """By how much the prior is to give way now, (rows / factor, columns / factor), at least 1.
+
+    Args:
+        ease: the same, by how much it has given way.
+        z: (2, rows + 4, columns + 4), the phasors, padded.
+        pull: (2, rows + 4, columns + 4), the data term's gradient in Z.
+        bend: (rows + 4, columns + 4), padded, its second derivatives over the weight.
+        weight: inverse variance of a sample's component.
+        factor: fused pixels to a low-resolution one.
+    """
+    sums = np.empty((2, *ease.shape), z.dtype)
+    team.share(kernels.compare, z, pull, bend, weight, factor, sums)
+    squares, expected = (cv2.blur(part, (_WINDOW, _WINDOW)) for part in sums)
+    ratio = squares / (expected + np.float32(np.finfo(np.float32).tiny))
+    return np.clip(ease * ratio * np.float32(1 / _AGREES), 1, _FREEST)
+
+
+def spread(ease: Image, out: Image) -> None:
+    """out (rows + 4, columns + 4), padded ← the same by fused pixel, interpolated."""
+    inner = out[PAD:-PAD, PAD:-PAD]
+    cv2.resize(ease, inner.shape[::-1], dst=inner, interpolation=cv2.INTER_LINEAR)
