@@ -42,7 +42,7 @@ nevertheless where that one is ten times darker and seen by ten deviations: the 
 that errs by 1.5 deviations of a cell's light, and by 0.15 at least, is far from a half or the cell stays
 between the sides."""
 
-_MISPLACED = 0.005
+_MISPLACED = 0.004
 """Part of how much light and distance change about a sample that the model errs by besides: where an edge
 crosses a fused pixel, that pixel's mean stands for the whole of it. A bright thing has rings without."""
 

@@ -41,10 +41,10 @@ MODEL = 0.002
 _SHARP = 20.0
 """Bluntness under which the prior gives way where the samples contradict it."""
 
-_LOG, _LOG_STEP, _LOG_BLUNT = 0.2, 0.035, 0.5
+_LOG, _LOG_STEP, _LOG_BLUNT = 0.3, 0.035, 0.5
 """κ_l and δ_l, and the power of the bluntness that δ_l is widened by."""
 
-_PHASE, _PHASE_STEP = 0.4, 0.002
+_PHASE, _PHASE_STEP = 0.6, 0.002
 """κ_φ, and δ_φ in metres at the usual ambiguity range of 7.5 m: it is an angle."""
 
 _USUALLY = 4
@@ -55,8 +55,8 @@ _CALM = 0.0036
 """Deviation of |Z| where κ are as they stand; they go with its inverse root: half of them are best at four
 times the noise, twice as much at a quarter."""
 
-_EASE = 0.7
-"""e, of the logarithm: a step of the amplitude by a factor of two halves the penalty."""
+_EASE = 0.5
+"""e, of the logarithm: a step of the amplitude by two thirds halves the penalty."""
 
 _USUAL = 2 * np.pi / 7.5
 _EDGE, _EDGE_BLUNT = 0.001 * _USUAL, 0.9
