@@ -22,7 +22,7 @@ _LEVEL, _SLOPED = (0.36, 0.15, 0.23), {"area": (0.18, 0.03, 0.03)}
 _MIXED = 0.15
 """b of `area` where samples average phasors: its λ then holds what mixing errs by, and bends slopes more."""
 
-_BENT = 1.0
+_BENT = 1.5
 """b where a method knows its variance, and ∇∇X in the place of ∇X: such a one lets ramps pass, and with ∇X
 the deviation of a floor that runs away is far too large."""
 

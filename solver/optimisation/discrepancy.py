@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.kernels import discrepancy as kernels
+from solver.kernels import gradients as kernels
 from solver.kernels.group import PAD
 from solver.runtime import team
 
@@ -45,7 +45,7 @@ def eased(
     sums = np.empty((2, *ease.shape), z.dtype)
     team.share(kernels.compare, z, pull, bend, weight, factor, sums)
     squares, expected = (cv2.blur(part, (_WINDOW, _WINDOW)) for part in sums)
-    ratio = squares / (expected + np.float32(np.finfo(np.float32).tiny))
+    ratio = squares / (expected + np.float32(1e-12))
     return np.clip(ease * ratio * np.float32(1 / _AGREES), 1, _FREEST)
 
 

@@ -38,8 +38,8 @@ Image = NDArray[np.floating]
 MODEL = 0.002
 """What the model errs by, in units of the RMS amplitude: it bounds s where there is hardly any noise."""
 
-_SHARP = 20.0
-"""Bluntness under which the prior gives way where the samples contradict it."""
+_SHARP = 12.0
+"""Bluntness under which the prior gives way where the samples contradict it; before, noise is followed."""
 
 _LOG, _LOG_STEP, _LOG_BLUNT = 0.3, 0.035, 0.5
 """κ_l and δ_l, and the power of the bluntness that δ_l is widened by."""
@@ -89,11 +89,11 @@ _MOST = np.array([0.7, 0.3])
 """By how much l and φ may move in one step: the linearisation holds for less than 1."""
 
 
-_HIDDEN, _LEFT = 0.8, 0.11
+_HIDDEN, _LEFT = 0.85, 0.1
 """Deviations of what the tilt does not show and of what it does, in units of the second differences that it
 hides and shows times the reach: relief that the map smooths away."""
 
-_ERRED = 0.00018 * _USUAL
+_ERRED = 0.0001 * _USUAL
 """What φ errs by however many samples there are."""
 
 _DOUBT, _ERRING = 5.0, 0.1
@@ -102,16 +102,17 @@ _DOUBT, _ERRING = 5.0, 0.1
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One step: factor on δ, and the rounds of conjugate gradients."""
+    """One step: factor on δ, rounds of conjugate gradients, and whether the prior is eased anew before."""
 
     blunt: float
     rounds: int
+    eases: bool = False
 
 
 def schedule(falling: int, staying: int) -> tuple[Step, ...]:
     """From 300 times δ, 0.6 m, down to twice δ in so many falling steps, so many there, and one at δ."""
-    fall = [Step(2 * 150 ** (1 - number / falling), 12 if number < 6 else 14) for number in range(falling)]
-    return (*fall, *[Step(2.0, 14)] * staying, Step(1.0, 14))
+    blunts = [*(2 * 150 ** (1 - number / falling) for number in range(falling)), *[2.0] * staying, 1.0]
+    return tuple(Step(blunt, 12 if blunt > _SHARP else 14, blunt < _SHARP) for blunt in blunts)
 
 
 SCHEDULE = schedule(7, 4)
@@ -180,7 +181,7 @@ class Factored:
         self._tilt = self._find_tilt(step.blunt)
         weight = np.float32(self.weight)
         self.term.pull(self.z, weight, product)
-        if step.blunt < _SHARP:
+        if step.eases:
             self._ease = eased(self._ease, self.z, product, self._bend, weight, self.term.factor)
             spread(self._ease, self._loose)
         state, data = (

@@ -8,6 +8,7 @@ import pytest
 from solver import Fused, FusionOptions, fuse
 from solver.geometry.positions import sample_positions
 from solver.methods.phasor import _run
+from solver.optimisation.discrepancy import eased
 from solver.optimisation.factored import SCHEDULE, Factored, Step
 from solver.optimisation.footprint import AreaTerm
 from solver.options import Footprint
@@ -166,6 +167,23 @@ def test_better_data_do_not_make_a_map_worse():
     assert Scene(distance, light, frames=40).rms() < 1.02 * usual
 
 
+@pytest.mark.parametrize("noise", [0.25, 1.0])
+def test_relief_as_fine_as_two_pixels_is_not_smoothed_away(noise):
+    field = np.random.default_rng(2).normal(size=ROW.shape).astype(np.float32)
+    relief = cv2.GaussianBlur(field, (0, 0), 1.5 * RAYS)
+    scene = Scene(2 + 0.02 * relief / relief.std(), np.full_like(ROW, 2500.0), noise=noise)
+    exact = cv2.resize(scene.at(RAYS), (112, 96), interpolation=cv2.INTER_AREA)
+    off = np.abs(scene.fused().distance - exact)[8:-8, 8:-8]
+    assert off.mean() < (0.0032 if noise < 1 else 0.0075)
+
+
+def test_a_bright_thing_has_no_rings_however_little_noise_there_is():
+    inside = (ROW - 12.3) ** 2 + (COLUMN - 14.1) ** 2 < 6
+    walls = np.where(inside, 2.0, 2.4 + 0.004 * COLUMN)
+    usual, quiet = (Scene(walls, np.where(inside, 30000.0, 1200.0), noise=noise).rms() for noise in (1, 0.25))
+    assert quiet < 1.02 * usual < 0.04
+
+
 def test_a_numeric_strength_is_a_factor_of_which_one_is_auto():
     scene = Scene(2.0 + 0.01 * COLUMN, np.full_like(ROW, 1000.0))
     auto, one, strong = (scene.fused(regularization=r) for r in ("auto", 1.0, 20.0))
@@ -214,6 +232,27 @@ def test_sharp_steps_lower_the_objective():
     for _ in range(4):
         descent.descend(Step(1.0, 40), 1000)
     assert descent.objective() < before
+
+
+def test_the_prior_gives_way_where_all_samples_pull_one_way_and_stays_where_noise_pulls():
+    scene = Scene(np.full_like(ROW, 2.0), np.full_like(ROW, 3000.0))
+    fitted = course(scene)
+    weight = np.float32(fitted.weight)
+
+    def discrepancy(offset):
+        state = fitted.state.copy()
+        state[0], state[1] = 0, np.float32((2.0 + offset) * 2 * np.pi / RANGE)
+        z = np.exp(state[:1] + 1j * state[1:])
+        parts = np.concatenate([z.real, z.imag]).astype(np.float32)
+        pull = np.zeros_like(parts)
+        fitted.term.pull(parts, weight, pull)
+        ease = np.full((32, 36), 10, np.float32)
+        return eased(ease, parts, pull, fitted.term.bend, weight, 4)[6:-6, 6:-6] / 10
+
+    # The truth leaves noise alone, in units of what agrees.
+    assert 1.0 < discrepancy(0.0).mean() < 1.7
+    sample = NOISE / 3000 * RANGE / (2 * np.pi)
+    assert 3 < discrepancy(sample / 2).mean() < 8  # of twelve frames; at most 10
 
 
 def test_any_number_of_threads_gives_the_same_bits():

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from drivers.simulation import textures
-from drivers.simulation.scene import Relief, Scene, Surface, Texture, frustum, plate, sphere
+from drivers.simulation.scene import Relief, Scene, Surface, Texture, disc, frustum, plate, sphere
 
 Point = tuple[float, float, float]
 PIXEL = 0.01
@@ -112,6 +112,28 @@ def scattered(
             found.append(sphere((x, y, z), size, shade, texture=coat))
         else:
             found += box((x, y, z), (2 * size, 1.6 * size, size), shade, random.uniform(-50, 50), coat)
+    return found
+
+
+def cobbles(seed: int, count: int, least: float, most: float) -> list[Surface]:
+    """Stones of those radii (m), half sunk into a wall 2.1 m away, each of its own shade."""
+    random = np.random.default_rng(seed)
+    found = []
+    for _ in range(count):
+        x, y = random.uniform(-0.5, 0.5), random.uniform(-0.42, 0.42)
+        centre = (x, y, 2.1 + random.uniform(-0.01, 0.02))
+        found.append(sphere(centre, random.uniform(least, most), random.uniform(0.2, 0.8)))
+    return found
+
+
+def glints(seed: int, count: int, reflectivity: float, standing: float) -> list[Surface]:
+    """Discs of a third of a pixel to three that return much light; every other one `standing` m in front."""
+    random = np.random.default_rng(seed)
+    found = []
+    for number in range(count):
+        z = 2.3 - standing * (number % 2)
+        x, y = random.uniform(-0.2, 0.2) * z, random.uniform(-0.16, 0.16) * z
+        found.append(disc((x, y, z), random.uniform(0.004, 0.03), reflectivity))
     return found
 
 

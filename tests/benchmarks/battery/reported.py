@@ -5,6 +5,8 @@ from parts import (
     bar,
     box,
     checked,
+    cobbles,
+    glints,
     hills,
     patched,
     printed,
@@ -122,6 +124,17 @@ def _desk() -> Scene:
     return scene("desk", ground, things)
 
 
+def _cobbles() -> Scene:
+    """Rounded stones beside and over each other."""
+    return scene("cobbles", wall(2.1, 0.4), cobbles(47, 160, 0.025, 0.07))
+
+
+def _lamps() -> Scene:
+    """Small bright things before a dim wall, and on posts."""
+    posts = [bar((-0.35 + 0.1 * k, 0.4, 1.9), (-0.35 + 0.1 * k, -0.1, 1.9), 0.015, 0.5) for k in range(7)]
+    return scene("lamps", wall(2.5, 0.2), glints(51, 20, 5.0, 0.25), posts)
+
+
 def _wedges() -> Scene:
     return build_scene("wedges")
 
@@ -133,7 +146,8 @@ def _objects() -> Scene:
 REPORTED = {
     f.__name__[1:]: f
     for f in (
-        _clutter, _frame, _waves, _treads, _bright, _soot, _fence, _sky, _far, _desk, _wedges, _objects
+        _clutter, _frame, _waves, _treads, _bright, _soot, _fence, _sky, _far, _desk, _cobbles,
+        _lamps, _wedges, _objects
     )
 }  # fmt: skip
 """Builders by name; `wedges` and `objects` are those of the bundled recordings, in the smaller view."""

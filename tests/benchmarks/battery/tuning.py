@@ -5,6 +5,7 @@ from parts import (
     bar,
     box,
     checked,
+    glints,
     hills,
     patched,
     printed,
@@ -123,10 +124,22 @@ def _brink() -> Scene:
     return scene("brink", back, box((0.5, 0.2, 5.8), (0.7, 0.5, 0.3), 0.8, -15, None))
 
 
+def _rough() -> Scene:
+    """Relief as fine as two pixels."""
+    return scene("rough", hills(0.012, 0.016, 41, patched(0.3, 35, 0.4)))
+
+
+def _gloss() -> Scene:
+    """Things that return ten times the light of what is around them."""
+    back = wall(2.4, 0.25, texture=patched(0.5, 37, 0.6)).turned(turn("y", 15), (0, 0, 2.4))
+    return scene("gloss", back, glints(43, 24, 3.0, 0.4))
+
+
 TUNING = {
     f.__name__[1:]: f
     for f in (
-        _boxes, _cut, _blobs, _stairs, _dark, _wires, _open, _slant, _floor, _dusk, _net, _brink
+        _boxes, _cut, _blobs, _stairs, _dark, _wires, _open, _slant, _floor, _dusk, _net, _brink,
+        _rough, _gloss
     )
 }  # fmt: skip
 """Builders by name."""
