@@ -31,7 +31,7 @@ _FREEST = 100.0
 
 def eased(
     ease: Image, z: Image, pull: Image, bend: Image, weight: np.floating, factor: int
-) -> NDArray[np.floating]:
+) -> Image:
     """By how much the prior is to give way now, (rows / factor, columns / factor), at least 1.
 
     Args:
@@ -46,7 +46,8 @@ def eased(
     team.share(kernels.compare, z, pull, bend, weight, factor, sums)
     squares, expected = (cv2.blur(part, (_WINDOW, _WINDOW)) for part in sums)
     ratio = squares / (expected + np.float32(1e-12))
-    return np.clip(ease * ratio * np.float32(1 / _AGREES), 1, _FREEST)
+    out: Image = np.clip(ease * ratio * np.float32(1 / _AGREES), 1, _FREEST)
+    return out
 
 
 def spread(ease: Image, out: Image) -> None:
