@@ -158,7 +158,7 @@ def _centre(shape: tuple[int, int]) -> NDArray[np.float64]:
 def _unit(rays: NDArray[np.float64]) -> NDArray[np.float64]:
     """Unit vectors (..., 3) of rays (..., 2) at z = 1."""
     vectors = np.concatenate([rays, np.ones((*rays.shape[:-1], 1))], axis=-1)
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
 def _tangent(points: NDArray[np.float32], axis: int) -> NDArray[np.float32]:

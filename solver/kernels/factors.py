@@ -55,7 +55,13 @@ def advance(rank, size, x, most, least, nearest, faint, state, z, square, power,
         _bounded(phase, view(x, (1, i), 2, n), kind(most[1]), kind(-np.inf))
         _phasors(l, phase, view(z, (0, i), 2, n), view(z, (1, i), 2, n))
         _square(phase, kind(nearest), view(square, (i,), 2, n))
-        _light(view(z, (0, i), 2, n), view(z, (1, i), 2, n), kind(faint), view(power, (i,), 2, n), view(lit, (i,), 2, n))
+        _light(
+            view(z, (0, i), 2, n),
+            view(z, (1, i), 2, n),
+            kind(faint),
+            view(power, (i,), 2, n),
+            view(lit, (i,), 2, n),
+        )
 
 
 @njit(fastmath=True, error_model="numpy")
