@@ -200,9 +200,10 @@ def sum_frames(  # type: ignore[no-untyped-def]
         sums: (N, 15), in place, see `kernels.derivatives`.
         counts: (N, 3), in place: samples seen, trust and misfit.
     """
+    height, width = shape
     terms, jacobian = np.ones((10, block), np.float32), np.empty((6, block), np.float32)
     fractions, node = np.empty((2, block), np.float32), np.empty(block, np.int32)
-    number, lines = np.empty(block, np.int32), np.empty((4, max(shape[0], shape[1])), np.float32)
+    number, lines = np.empty(block, np.int32), np.empty((4, max(height, width)), np.float32)
     k = take(counter)
     while k < len(sums):
         for start in range(first[k], first[k + 1], block):
@@ -213,7 +214,7 @@ def sum_frames(  # type: ignore[no-untyped-def]
             _interpolate(values[part], U, node, number, used, fractions, terms)
             _weigh(terms, used, grid[2], blur2, counts[k])
             if alike:
-                share_errors(terms, pixel[part], number, used, shape[1], blur2, lines)
+                share_errors(terms, pixel[part], number, used, width, blur2, lines)
             if rotational:
                 differentiate(terms, used, camera, jacobian)
                 sum_rotations(terms, used, jacobian, sums[k])
