@@ -135,14 +135,11 @@ def shifts_to_rotations(
     moves = _rows("shifts", shifts, 2)
     K, lens = camera_matrix(intrinsics), lens_coefficients(distortion)
     centre = _centre(shape)
-    start = _unit(rays_through(centre, K, lens))
-    vectors = np.zeros((len(moves), 3))
-    for vector, move in zip(vectors, moves, strict=True):
-        end = _unit(rays_through(centre + move, K, lens))
-        axis = np.cross(start, end)
-        sine = float(np.linalg.norm(axis))
-        if sine > 0:
-            vector[:] = axis / sine * np.arctan2(sine, float(start @ end))
+    start, ends = _unit(rays_through(centre, K, lens)), _unit(rays_through(centre + moves, K, lens))
+    axes = np.cross(start, ends)
+    sines = np.linalg.norm(axes, axis=1)
+    angles = np.arctan2(sines, ends @ start)
+    vectors: NDArray[np.float64] = axes * (angles / np.where(sines > 0, sines, 1))[:, None]
     return vectors
 
 
@@ -158,9 +155,10 @@ def _centre(shape: tuple[int, int]) -> NDArray[np.float64]:
     return np.array([(shape[0] - 1) / 2, (shape[1] - 1) / 2])
 
 
-def _unit(ray: NDArray[np.float64]) -> NDArray[np.float64]:
-    vector: NDArray[np.float64] = np.append(ray, 1.0)
-    return vector / np.linalg.norm(vector)
+def _unit(rays: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit vectors (..., 3) of rays (..., 2) at z = 1."""
+    vectors = np.concatenate([rays, np.ones((*rays.shape[:-1], 1))], axis=-1)
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
 def _tangent(points: NDArray[np.float32], axis: int) -> NDArray[np.float32]:

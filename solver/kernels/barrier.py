@@ -1,4 +1,4 @@
-"""A barrier at which the threads of a team meet; see `solver.runtime.team`."""
+"""Where the threads of a team meet, and what they take their work from; see `solver.runtime.team`."""
 
 from numba import njit, types
 from numba.core import cgutils
@@ -65,3 +65,9 @@ def meet(barrier, size):  # type: ignore[no-untyped-def]
             if _read(barrier, BROKEN):
                 return
             _sched_yield()
+
+
+@njit(nogil=True)
+def take(counter):  # type: ignore[no-untyped-def]
+    """The number of the next piece of work that no thread has taken, by a counter (1,)."""
+    return _add(counter, 0, 1)  # type: ignore[call-arg]

@@ -9,7 +9,7 @@ def sum_shifts(terms, used, camera, sums):  # type: ignore[no-untyped-def]
     """Add samples to the normal equations of a displacement.
 
     Args:
-        terms: (10, samples), of `normal_equations._interpolate`.
+        terms: (10, samples), of `normal_equations.sum_frames`.
         used: how many samples there are.
         camera: (4,), focal lengths and centre in pixels, by row and by column; of a displacement the first
             two are 1.
@@ -42,7 +42,7 @@ def differentiate(terms, used, camera, jacobian):  # type: ignore[no-untyped-def
     """Derivatives of row, then column, by a small rotation about x, y and z, the lens left out.
 
     Args:
-        terms: (10, samples), of `normal_equations._interpolate`.
+        terms: (10, samples), of `normal_equations.sum_frames`.
         used: how many samples there are.
         camera: (4,), focal lengths and centre in pixels, by row and by column; of a displacement the first
             two are 1.
@@ -63,7 +63,7 @@ def sum_rotations(terms, used, jacobian, sums):  # type: ignore[no-untyped-def]
     """Add samples, differentiated, to the normal equations of a rotation.
 
     Args:
-        terms: (10, samples), of `normal_equations._interpolate`.
+        terms: (10, samples), of `normal_equations.sum_frames`.
         used: how many samples there are.
         jacobian: (6, samples), of `differentiate`.
         sums: (15,), as in `sum_shifts`.

@@ -33,18 +33,19 @@ def _square(phases, nearest, out):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=True, error_model="numpy")
-def _light(a, b, faint, out):  # type: ignore[no-untyped-def]
-    for j in range(out.size):
+def _light(a, b, faint, power, lit):  # type: ignore[no-untyped-def]
+    for j in range(power.size):
         q = a[j] * a[j] + b[j] * b[j]
-        out[j] = q / (q + faint)
+        power[j] = q
+        lit[j] = q / (q + faint)
 
 
 @njit(nogil=True, cache=True)
-def advance(rank, size, x, most, least, nearest, faint, state, z, square, lit):  # type: ignore[no-untyped-def]
+def advance(rank, size, x, most, least, nearest, faint, state, z, square, power, lit):  # type: ignore[no-untyped-def]
     """Move the state by x, at most by `most` (2,), l not below `least`; by a team.
 
     z ← its phasors; square (rows + 4, columns + 4) ← φ², φ being taken from `nearest` up to a circle more;
-    lit (rows + 4, columns + 4) ← |Z|² / (|Z|² + faint).
+    power (rows + 4, columns + 4) ← |Z|²; lit (rows + 4, columns + 4) ← |Z|² / (|Z|² + faint).
     """
     rows, n, kind = state.shape[1] - 4, state.shape[2] - 4, state.dtype.type
     for row in range(rank * rows // size, (rank + 1) * rows // size):
@@ -54,7 +55,13 @@ def advance(rank, size, x, most, least, nearest, faint, state, z, square, lit): 
         _bounded(phase, view(x, (1, i), 2, n), kind(most[1]), kind(-np.inf))
         _phasors(l, phase, view(z, (0, i), 2, n), view(z, (1, i), 2, n))
         _square(phase, kind(nearest), view(square, (i,), 2, n))
-        _light(view(z, (0, i), 2, n), view(z, (1, i), 2, n), kind(faint), view(lit, (i,), 2, n))
+        _light(
+            view(z, (0, i), 2, n),
+            view(z, (1, i), 2, n),
+            kind(faint),
+            view(power, (i,), 2, n),
+            view(lit, (i,), 2, n),
+        )
 
 
 @njit(fastmath=True, error_model="numpy")

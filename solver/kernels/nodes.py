@@ -3,6 +3,8 @@
 import numpy as np
 from numba import njit
 
+from solver.kernels.barrier import take
+
 PLACES = {"contract", "reassoc", "arcp", "nsz"}  # may be assumed of places: not that they are numbers
 WITHIN = 0xFFFFFF  # tells the compiler that an index is not negative: it need not look for wrapping
 
@@ -61,23 +63,37 @@ def gather(values, weights, base, keep, shift, y, w, row, column, pixel, first):
         first[k + 1] = s
 
 
-@njit(cache=True, fastmath=PLACES)
-def accumulate(values, weights, row, column, row0, column0, density, sums):  # type: ignore[no-untyped-def]
-    """Add the samples to the stencil and the right sides.
+@njit(cache=True, nogil=True)
+def accumulate(counter, values, weights, row, column, first, origin, density, sums, others):  # type: ignore[no-untyped-def]
+    """Add the samples to the stencil and the right sides; by a team, to each half of the frames its own sums.
 
     Args:
+        counter: (1,), see `kernels.barrier`.
         values: (samples, C), in deviations.
         weights: (samples,), 1 / variance.
         row: (samples,), pixels of the reference.
         column: (samples,), pixels of the reference.
-        row0: of the first node, pixels.
-        column0: the same.
+        first: (N + 1,), where the samples of each frame begin.
+        origin: (2,), row and column of the first node, pixels.
         density: nodes per pixel.
         sums: (5 + C, rows, columns), stencil and right sides, in place.
+        others: (5 + C, rows, columns), those of the second half of the frames, in place; one frame has none.
     """
+    half = first[len(first) // 2]  # of one frame, its end
+    parts = (slice(0, half), sums), (slice(half, len(weights)), others)
+    h = take(counter)
+    while h < 2:
+        part, into = parts[h]
+        _add(values[part], weights[part], row[part], column[part], origin, density, into)
+        h = take(counter)
+
+
+@njit(cache=True, fastmath=PLACES)
+def _add(values, weights, row, column, origin, density, sums):  # type: ignore[no-untyped-def]
+    """`accumulate` for some samples."""
     rows, columns = sums.shape[1:]
     S, b, channels = sums[:5], sums[5:], len(sums) - 5
-    top, left, scale, one = np.float32(row0), np.float32(column0), np.float32(density), np.float32(1.0)
+    top, left, scale, one = np.float32(origin[0]), np.float32(origin[1]), np.float32(density), np.float32(1.0)
     for s in range(len(weights)):
         r, c = (row[s] - top) * scale, (column[s] - left) * scale
         if not (r >= 0.0 and c >= 0.0 and r < rows - 1 and c < columns - 1):
@@ -104,24 +120,38 @@ def accumulate(values, weights, row, column, row0, column0, density, sums):  # t
         S[4, m, n + 1] += w * w01 * w10  # down and left
 
 
-@njit(cache=True, fastmath=PLACES)
-def add_misfit(values, weights, row, column, row0, column0, density, U, squares, counts):  # type: ignore[no-untyped-def]
-    """Add the squared residuals of samples against a mosaic, cell by cell.
+@njit(cache=True, nogil=True)
+def add_misfit(counter, values, weights, row, column, first, origin, density, U, sums, others):  # type: ignore[no-untyped-def]
+    """Add the squared residuals of samples against a mosaic, cell by cell; by a team, as `accumulate`.
 
     Args:
+        counter: (1,), see `kernels.barrier`.
         values: (samples, C), in deviations.
         weights: (samples,), 1 / variance.
         row: (samples,), pixels of the reference.
         column: (samples,), pixels of the reference.
-        row0: of the first node, pixels.
-        column0: the same.
+        first: (N + 1,), where the samples of each frame begin.
+        origin: (2,), row and column of the first node, pixels.
         density: nodes per pixel.
         U: (C, rows, columns), in deviations.
-        squares: (rows, columns), in variances, in place.
-        counts: (rows, columns), in place.
+        sums: (2, rows, columns), squares in variances, and how many samples, in place.
+        others: (2, rows, columns), those of the second half, in place.
     """
+    half = first[len(first) // 2]
+    parts = (slice(0, half), sums), (slice(half, len(weights)), others)
+    h = take(counter)
+    while h < 2:
+        part, into = parts[h]
+        _add_squares(values[part], weights[part], row[part], column[part], origin, density, U, into)
+        h = take(counter)
+
+
+@njit(cache=True, fastmath=PLACES)
+def _add_squares(values, weights, row, column, origin, density, U, sums):  # type: ignore[no-untyped-def]
+    """`add_misfit` for some samples."""
     channels, rows, columns = U.shape
-    top, left, scale, one = np.float32(row0), np.float32(column0), np.float32(density), np.float32(1.0)
+    squares, counts = sums
+    top, left, scale, one = np.float32(origin[0]), np.float32(origin[1]), np.float32(density), np.float32(1.0)
     share = one / np.float32(channels)
     for s in range(len(weights)):
         r, c = (row[s] - top) * scale, (column[s] - left) * scale

@@ -43,16 +43,26 @@ def _subtract(here, there, out):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=True, error_model="numpy")
-def _ease(i, k, z, loose, change, ease, faint, out):  # type: ignore[no-untyped-def]
+def _shine(i, n, z, faint, lights):  # type: ignore[no-untyped-def]
+    """Row i's |Z|² / (|Z|² + faint) and |Z|^¼, in (2, 2, n + 4), a ring of two rows."""
+    a, b = view(z, (0, i + 2), 0, n + 4), view(z, (1, i + 2), 0, n + 4)
+    telling, root = view(lights, (i & 1, 0), 0, n + 4), view(lights, (i & 1, 1), 0, n + 4)
+    for j in range(n + 4):
+        q = a[j] * a[j] + b[j] * b[j]
+        telling[j] = q / (q + faint)
+        root[j] = np.sqrt(np.sqrt(np.sqrt(q)))
+
+
+@njit(fastmath=True, error_model="numpy")
+def _ease(i, k, lights, loose, change, ease, out):  # type: ignore[no-untyped-def]
     """out ← loose · (1 + (Δl / e)²) / |Z|^¼, the second factor less where the darker one is hardly lit."""
-    n, c = out.size, COLUMNS[k]
-    a0, b0 = view(z, (0, i + 2), 2, n), view(z, (1, i + 2), 2, n)
-    a1, b1 = view(z, (0, i + 2 + ROWS[k]), 2 + c, n), view(z, (1, i + 2 + ROWS[k]), 2 + c, n)
+    n, c, here, there = out.size, COLUMNS[k], i & 1, i + ROWS[k] & 1
+    t0, r0 = view(lights, (here, 0), 2, n), view(lights, (here, 1), 2, n)
+    t1, r1 = view(lights, (there, 0), 2 + c, n), view(lights, (there, 1), 2 + c, n)
     one, free = out.dtype.type(1), view(loose, (i + 2,), 2, n)
     for j in range(n):
-        q = min(a0[j] * a0[j] + b0[j] * b0[j], a1[j] * a1[j] + b1[j] * b1[j])
-        own = free[j] / np.sqrt(np.sqrt(np.sqrt(q)))
-        out[j] = own * (one + ease * change[j] * change[j] * q / (q + faint))
+        eased = one + ease * change[j] * change[j] * min(t0[j], t1[j])
+        out[j] = free[j] * eased / min(r0[j], r1[j])
 
 
 @njit
@@ -97,7 +107,7 @@ def _shorten(source, out):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _weigh(i, rows, state, z, loose, slope, factors, logs, phases, lines, out):  # type: ignore[no-untyped-def]
+def _weigh(i, rows, state, lights, loose, slope, factors, logs, phases, lines, out):  # type: ignore[no-untyped-def]
     """out (2, 2, 4, n + 4) ← strengths and fluxes W d of l and φ, row i's pairs; 0 beyond the image."""
     n = out.shape[3] - 4
     change, rise, eased, ones = lines
@@ -108,7 +118,7 @@ def _weigh(i, rows, state, z, loose, slope, factors, logs, phases, lines, out): 
             continue
         _differences(i, k, state, slope, change, rise)
         double = 2 * factors[k]
-        _ease(i, k, z, loose, change, kind(phases[2]), kind(phases[3]), eased)
+        _ease(i, k, lights, loose, change, kind(phases[2]), eased)
         for c in range(2):
             strength, flux = view(out, (c, 0, k), 2, n), view(out, (c, 1, k), 2, n)
             if c == 0:
@@ -167,11 +177,13 @@ def assemble(  # type: ignore[no-untyped-def]
     """
     rows, n, kind = state.shape[1] - 4, state.shape[2] - 4, state.dtype
     lines = np.empty(n, kind), np.empty(n, kind), np.empty(n, kind), np.ones(n, kind)
-    both = np.zeros((2, 2, 2, PAIRS, n + 4), kind)
-    top, end = rank * rows // size, (rank + 1) * rows // size
+    both, lights = np.zeros((2, 2, 2, PAIRS, n + 4), kind), np.zeros((2, 2, n + 4), kind)
+    top, end, faint = rank * rows // size, (rank + 1) * rows // size, state.dtype.type(phases[3])
+    _shine(top - 1, n, z, faint, lights)
     for row in range(top - 1, end):
         own, last = both[row & 1], both[1 - row & 1]
-        _weigh(row, rows, state, z, loose, slope, factors, logs, phases, lines, own)
+        _shine(row + 1, n, z, faint, lights)
+        _weigh(row, rows, state, lights, loose, slope, factors, logs, phases, lines, own)
         if row < top:
             continue
         i = row + 2
@@ -231,13 +243,16 @@ def cost(rank, size, state, z, loose, slope, factors, logs, phases, sums):  # ty
     """
     rows, n, kind = state.shape[1] - 4, state.shape[2] - 4, state.dtype.type
     change, rise, out = np.empty(n, state.dtype), np.empty(n, state.dtype), np.empty(n, state.dtype)
-    for i in range(rank * rows // size, (rank + 1) * rows // size):
+    lights, top, faint = np.zeros((2, 2, n + 4), state.dtype), rank * rows // size, kind(phases[3])
+    _shine(top, n, z, faint, lights)
+    for i in range(top, (rank + 1) * rows // size):
+        _shine(i + 1, n, z, faint, lights)
         sums[i] = 0.0
         for k in range(PAIRS):
             if i + ROWS[k] < rows:
                 _differences(i, k, state, slope, change, rise)
                 _costs(rise, kind(phases[1] * phases[1]), out)
-                _ease(i, k, z, loose, change, kind(phases[2]), kind(phases[3]), rise)
+                _ease(i, k, lights, loose, change, kind(phases[2]), rise)
                 out /= rise
                 _end(COLUMNS[k], out)
                 sums[i] += factors[k] * phases[0] * float(out.sum())

@@ -3,14 +3,32 @@
 import numpy as np
 from numba import njit
 
-from solver.kernels.barrier import meet
+from solver.kernels.barrier import meet, take
 
 BANDS = 4  # of rows, each swept on its own: as many threads may share a sweep, whose result is the same
 
 
 @njit(cache=True, nogil=True)
-def relax_rows(rank, size, barrier, sums, image, into, strength, epsilon2, keep, rest):  # type: ignore[no-untyped-def]
-    """A sweep by a team, after which the sums fade, unless `rest` is empty.
+def relax_rows(counter, sums, image, into, strength, epsilon2):  # type: ignore[no-untyped-def]
+    """A sweep by a team.
+
+    Args:
+        counter: (1,), see `kernels.barrier`.
+        sums: (5 + C, rows, columns), stencil and right sides.
+        image: (C, rows, columns), in deviations.
+        into: (C, rows, columns) ← one that fits better.
+        strength: λ, in units of 1 / σ.
+        epsilon2: ε², deviations².
+    """
+    band = take(counter)
+    while band < BANDS:
+        _relax_band(band, sums, image, into, strength, epsilon2, np.float32(1), sums[:0])
+        band = take(counter)
+
+
+@njit(cache=True, nogil=True)
+def relax_and_fade(rank, size, barrier, sums, image, into, strength, epsilon2, keep, rest):  # type: ignore[no-untyped-def]
+    """A sweep by a team, after which the sums fade.
 
     Args:
         barrier: (places,), see `kernels.barrier`.
@@ -20,23 +38,28 @@ def relax_rows(rank, size, barrier, sums, image, into, strength, epsilon2, keep,
         strength: λ, in units of 1 / σ.
         epsilon2: ε², deviations².
         keep: what is left of the sums.
-        rest: (5 + C, rows, columns), what takes the place of the remainder, or (0, rows, columns).
+        rest: (5 + C, rows, columns), what takes the place of the remainder.
     """
+    for band in range(rank, BANDS, size):
+        _relax_band(band, sums, image, into, strength, epsilon2, keep, rest)
+    meet(barrier, size)  # a band's last row is in the first equations of the next one
+    for band in range(rank, BANDS, size):
+        _fade_row(sums, rest, (band + 1) * sums.shape[1] // BANDS - 1, keep)
+
+
+@njit(cache=True)
+def _relax_band(band, sums, image, into, strength, epsilon2, keep, rest):  # type: ignore[no-untyped-def]
+    """A sweep over a band, of which all sums but those of the last row fade, unless `rest` is empty."""
     rows, columns = image.shape[1:]
     scratch, fades = np.zeros((8, columns), np.float32), len(rest) > 0
-    for band in range(rank, BANDS, size):
-        begin, end = band * rows // BANDS, (band + 1) * rows // BANDS
-        _stiffen(image, begin - 1, strength, epsilon2, scratch)
-        _stiffen(image, begin, strength, epsilon2, scratch)
-        for i in range(begin, end):
-            _stiffen(image, i + 1, strength, epsilon2, scratch)
-            _solve_row(sums, image, into, i, begin, end, scratch)
-            if fades and i > begin:
-                _fade_row(sums, rest, i - 1, keep)
-    meet(barrier, size)  # a band's last row is in the first equations of the next one
-    if fades:
-        for band in range(rank, BANDS, size):
-            _fade_row(sums, rest, (band + 1) * rows // BANDS - 1, keep)
+    begin, end = band * rows // BANDS, (band + 1) * rows // BANDS
+    _stiffen(image, begin - 1, strength, epsilon2, scratch)
+    _stiffen(image, begin, strength, epsilon2, scratch)
+    for i in range(begin, end):
+        _stiffen(image, i + 1, strength, epsilon2, scratch)
+        _solve_row(sums, image, into, i, begin, end, scratch)
+        if fades and i > begin:
+            _fade_row(sums, rest, i - 1, keep)
 
 
 @njit(cache=True, fastmath=True)

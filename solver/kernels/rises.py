@@ -199,11 +199,11 @@ def _curve(before, here, after, measure, square, total):  # type: ignore[no-unty
 
 
 @njit(fastmath=True, error_model="numpy")
-def _tell(square, noise, trust):  # type: ignore[no-untyped-def]
-    """trust ← the part of the second differences that is not noise, times it."""
+def _tell(square, noise, light, trust):  # type: ignore[no-untyped-def]
+    """trust ← the part of the second differences that is not noise, noise / light, times it."""
     none, tiny = trust.dtype.type(0), trust.dtype.type(1e-30)
     for j in range(trust.size):
-        trust[j] *= max(none, square[j] - noise[j]) / (square[j] + tiny)
+        trust[j] *= max(none, square[j] - noise / (light[j] + tiny)) / (square[j] + tiny)
 
 
 @njit(fastmath=True)
@@ -214,7 +214,7 @@ def _sharpen(trust, slope, measure, curve, part, mean):  # type: ignore[no-untyp
 
 
 @njit(nogil=True, cache=True)
-def choose(rank, size, x, slopes, measure, noise, away, scale, part, out):  # type: ignore[no-untyped-def]
+def choose(rank, size, x, slopes, measure, light, noise, away, scale, part, out):  # type: ignore[no-untyped-def]
     """out ← a slope of those here and `away` in each direction; by a team.
 
     Their mean by how well they agree with the pixel's own rise, or, as far as the window about the pixel
@@ -225,8 +225,8 @@ def choose(rank, size, x, slopes, measure, noise, away, scale, part, out):  # ty
         x: (rows + 4, columns + 4), a map padded by 2, any unit, of which each pixel's own rise is taken.
         slopes: (2, rows + 4, columns + 4), its mean rise by row and by column, in the measure per pixel.
         measure: (rows + 4, columns + 4), in which slopes of one surface are the same.
-        noise: (rows + 4, columns + 4), sum of the variances of all second differences of slopes, in the map's
-            unit².
+        light: (rows + 4, columns + 4), any unit.
+        noise: sum of the variances of all second differences of slopes at light 1, in the map's unit².
         away: pixels.
         scale: 1 / edge²; a slope counts 1 / (1 + scale · (rise − slope)²)².
         part: a number.
@@ -263,7 +263,7 @@ def choose(rank, size, x, slopes, measure, noise, away, scale, part, out):  # ty
             up, end = view(slopes, (axis, above), 2, n), view(slopes, (axis, below), 2, n)
             _curve(up, here, end, own, square, curves[axis])
             _curve(line[:n], here, line[2 * away :], own, square, curves[axis])
-        _tell(square, view(noise, (row + 2,), 2, n), trust)
+        _tell(square, kind(noise), view(light, (row + 2,), 2, n), trust)
         for axis in range(2):
             target = out[axis, row + 2]
             target[:2] = 0

@@ -3,6 +3,7 @@
 import numpy as np
 from numba import njit
 
+from solver.kernels.barrier import take
 from solver.kernels.distortion import distort
 
 NOWHERE = np.float32(-1e9)  # position of a pixel whose ray leaves the camera's half-space
@@ -102,39 +103,47 @@ def displace(rows, columns, first, moves, row, column):  # type: ignore[no-untyp
         column[part] = columns[part] + moves[k, 1]
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
-def rotate(rays_y, rays_x, first, matrices, y, x):  # type: ignore[no-untyped-def]
-    """y, x ← rays after the rotation of their frame, NOWHERE where they leave the half-space.
+@njit(cache=True, nogil=True)
+def aim(counter, rays_y, rays_x, first, matrices, lens, tilt, distorted, camera, row, column):  # type: ignore[no-untyped-def]
+    """row, column ← places of samples after the rotation of their frame; by a team.
 
     Args:
+        counter: (1,), see `kernels.barrier`.
         rays_y: (samples,), at z = 1.
         rays_x: (samples,), at z = 1.
         first: (N + 1,), where the samples of each frame begin.
         matrices: (N, 3, 3).
-        y: (samples,), at z = 1.
-        x: (samples,), at z = 1.
+        lens: (14,), OpenCV's coefficients.
+        tilt: (3, 3), of the lens's tilt.
+        distorted: whether the lens distorts.
+        camera: (4,), focal lengths and centre in pixels, by row and by column.
+        row: (samples,), pixels, far outside where a ray leaves the half-space.
+        column: (samples,), pixels.
     """
-    for k in range(len(matrices)):
-        R = matrices[k]
-        a, b = rays_x[first[k] : first[k + 1]], rays_y[first[k] : first[k + 1]]
-        u, v = x[first[k] : first[k + 1]], y[first[k] : first[k + 1]]
-        for s in range(len(a)):
-            z = R[2, 0] * a[s] + R[2, 1] * b[s] + R[2, 2]
-            ahead = z > np.float32(0.0)
-            u[s] = (R[0, 0] * a[s] + R[0, 1] * b[s] + R[0, 2]) / z if ahead else NOWHERE
-            v[s] = (R[1, 0] * a[s] + R[1, 1] * b[s] + R[1, 2]) / z if ahead else NOWHERE
+    k = take(counter)
+    while k < len(matrices):
+        part = slice(first[k], first[k + 1])
+        y, x = row[part], column[part]
+        _rotate(rays_y[part], rays_x[part], matrices[k], y, x)
+        if distorted:
+            _bend(y, x, lens, tilt)
+        _to_pixels(y, x, camera)
+        k = take(counter)
+
+
+@njit(cache=True, fastmath=True, error_model="numpy")
+def _rotate(b, a, R, v, u):  # type: ignore[no-untyped-def]
+    """v, u ← rays (b, a) after a rotation, y and x at z = 1, NOWHERE where they leave the half-space."""
+    for s in range(len(a)):
+        z = R[2, 0] * a[s] + R[2, 1] * b[s] + R[2, 2]
+        ahead = z > np.float32(0.0)
+        u[s] = (R[0, 0] * a[s] + R[0, 1] * b[s] + R[0, 2]) / z if ahead else NOWHERE
+        v[s] = (R[1, 0] * a[s] + R[1, 1] * b[s] + R[1, 2]) / z if ahead else NOWHERE
 
 
 @njit(cache=True, error_model="numpy")
-def bend_rays(y, x, lens, tilt):  # type: ignore[no-untyped-def]
-    """Rays as the lens images them, in place.
-
-    Args:
-        y: (samples,), at z = 1.
-        x: (samples,), at z = 1.
-        lens: (14,), OpenCV's coefficients.
-        tilt: (3, 3), of the lens's tilt.
-    """
+def _bend(y, x, lens, tilt):  # type: ignore[no-untyped-def]
+    """Rays as the lens images them, in place."""
     for s in range(len(x)):
         if x[s] == NOWHERE:
             continue
@@ -145,14 +154,8 @@ def bend_rays(y, x, lens, tilt):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=True)
-def to_pixels(y, x, camera):  # type: ignore[no-untyped-def]
-    """Rays to pixels, in place.
-
-    Args:
-        y: (samples,), at z = 1, then pixels.
-        x: (samples,), at z = 1, then pixels.
-        camera: (4,), focal lengths and centre in pixels, by row and by column.
-    """
+def _to_pixels(y, x, camera):  # type: ignore[no-untyped-def]
+    """Rays to pixels, in place."""
     for s in range(len(x)):
         y[s] = y[s] * camera[0] + camera[2]
         x[s] = x[s] * camera[1] + camera[3]

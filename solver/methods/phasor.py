@@ -51,7 +51,7 @@ _RENEWED = SCHEDULE[:-1]
 found elsewhere hold out against sharp steps. With fewer steps a growing window's maps fall behind those of
 `fuse`. The last step's rounds are those of the maps that follow."""
 
-_FOLLOWED, _CHANGED = (Step(1.0, 2),), SCHEDULE[4::2]
+_FOLLOWED, _CHANGED = (Step(1.0, 2),), (*SCHEDULE[4:8:2], *SCHEDULE[-3:-1])
 """After an exchange of one frame, and of more, where the scene has changed; from the map before."""
 
 _TOLD = 200.0

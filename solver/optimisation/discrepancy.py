@@ -29,9 +29,7 @@ _FREEST = 100.0
 """By how much a prior gives way at most."""
 
 
-def eased(
-    ease: Image, z: Image, pull: Image, bend: Image, weight: np.floating, factor: int
-) -> Image:
+def eased(ease: Image, z: Image, pull: Image, bend: Image, weight: np.floating, factor: int) -> Image:
     """By how much the prior is to give way now, (rows / factor, columns / factor), at least 1.
 
     Args:

@@ -64,7 +64,8 @@ def agreed(
     edge: float,
     reach: float,
     measure: NDArray[np.floating],
-    noise: NDArray[np.floating],
+    light: NDArray[np.floating],
+    noise: float,
 ) -> NDArray[np.floating]:
     """Slopes of the windows that each pixel agrees with: beside a fold those of its own side.
 
@@ -81,14 +82,14 @@ def agreed(
         edge: how far from a window's slope a gradient is hardly of its surface.
         reach: r, fused pixels.
         measure: as in `slope`.
-        noise: (rows + 4, columns + 4), variance of a fused pixel's data, in x's unit².
+        light: (rows + 4, columns + 4), about each pixel.
+        noise: variance of a fused pixel's data at light 1, in x's unit²; it falls with the light.
     """
     out, away = np.empty_like(slopes), apart(reach)
     share = x.dtype.type(0.5 * (reach / away) ** 2)
     law = away, x.dtype.type(1 / edge**2), share
-    team.share(
-        kernels.choose, x[0], slopes[0], measure, x.dtype.type(curvature_noise(reach)) * noise, *law, out[0]
-    )
+    image = x[0], slopes[0], measure, light
+    team.share(kernels.choose, *image, x.dtype.type(curvature_noise(reach) * noise), *law, out[0])
     return out
 
 

@@ -10,6 +10,7 @@ from solver.registration.grid import Place
 from solver.registration.mosaic import Mosaic
 from solver.registration.motion import Motion
 from solver.registration.point_samples import Points
+from solver.runtime import team
 
 Float = NDArray[np.float64]
 
@@ -45,9 +46,9 @@ def normal_equations(
     """
     count, bent = len(points.first) - 1, points.bent
     sums, counts = np.zeros((count, 15)), np.zeros((count, 3))
-    block = max(1, int(np.diff(points.first).max())) if bent else BLOCK
-    terms, jacobian = np.ones((10, block), np.float32), np.empty((6, block), np.float32)
-    sum_frames(
+    team.hand_out(
+        len(points.weights),
+        sum_frames,
         points.values,
         points.weights,
         *place,
@@ -60,11 +61,9 @@ def normal_equations(
         motion.camera(points.level).astype(np.float32),
         motion.rotational,
         np.float32(position_error**2),
-        terms,
-        np.empty(block, np.int32),
-        jacobian,
-        points.shape[1],
-        _lines_of(points.shape) if bent else np.empty((0, 0), np.float32),
+        max(1, int(np.diff(points.first).max())) if bent else BLOCK,
+        points.shape,
+        bent,
         sums,
         counts,
     )
@@ -80,8 +79,3 @@ def normal_equations(
 
 def _symmetric(upper: Float) -> Float:
     return upper[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
-
-
-def _lines_of(shape: tuple[int, int]) -> NDArray[np.float32]:
-    """Room for four sums: what each row, then each column, tells of a displacement, and its pull."""
-    return np.empty((4, max(shape)), np.float32)

@@ -8,6 +8,7 @@ from solver.kernels.nodes import add_misfit
 from solver.registration.grid import Borders, Place
 from solver.registration.mosaic import Mosaic
 from solver.registration.point_samples import Points
+from solver.runtime import team
 
 Image = NDArray[np.float32]
 
@@ -28,10 +29,19 @@ class Misfit:
 
     def add(self, points: Points, place: Place, mosaic: Mosaic) -> None:
         """Add what points at places (rows, columns) lie off a mosaic."""
-        grid = mosaic.grid
-        add_misfit(
-            points.values, points.weights, *place, *grid.origin, grid.density, mosaic.values, *self._sums
+        grid, others = mosaic.grid, np.zeros_like(self._sums)
+        samples = points.values, points.weights, *place, points.first
+        team.hand_out(
+            len(points.weights),
+            add_misfit,
+            *samples,
+            grid.origin,
+            grid.density,
+            mosaic.values,
+            self._sums,
+            others,
         )
+        self._sums += others
 
     def fade(self, keep: float) -> None:
         """Let what was added count less."""

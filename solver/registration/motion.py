@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 from solver.geometry.lens import camera_matrix, lens_coefficients, pixel_rays, tilt_matrix
 from solver.geometry.positions import rotation_matrix, rotation_vector
-from solver.kernels.rotation import bend_rays, displace, rotate, to_pixels
+from solver.kernels.rotation import aim, displace
 from solver.registration.point_samples import Points
 from solver.registration.samples import Samples
+from solver.runtime import team
 
 Float = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -79,11 +80,14 @@ class Rotation:
         """Rows and columns (P,) at which points look, in pixels of their level."""
         row, column = np.empty_like(points.row), np.empty_like(points.row)
         matrices = rotation_matrix(parameters).astype(np.float32)
+        rays = points.row, points.column, points.first
+        optics = (
+            self.lens.astype(np.float32),
+            tilt_matrix(self.lens).astype(np.float32),
+            bool(self.lens.any()),
+        )
         camera = self.camera(points.level).astype(np.float32)
-        rotate(points.row, points.column, points.first, matrices, row, column)
-        if self.lens.any():
-            bend_rays(row, column, self.lens.astype(np.float32), tilt_matrix(self.lens).astype(np.float32))
-        to_pixels(row, column, camera)
+        team.hand_out(len(row), aim, *rays, matrices, *optics, camera, row, column)
         return row, column
 
     def camera(self, level: int) -> Float:

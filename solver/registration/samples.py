@@ -97,7 +97,15 @@ def scaling(
         channels = _moment_channels(distance, amplitude)
     else:
         return _phasor_scaling(distance, amplitude, ambiguity_range)
-    return partial(_weighted, channels, Statistics.of(*channels(distance, amplitude)))
+    return partial(_weighted, channels, _statistics(channels, distance, amplitude))
+
+
+def _statistics(channels: Channels, distance: Image, amplitude: Image | None) -> Statistics | None:
+    """Of some pixels of some frames; of all where none of these is known."""
+    part = some_of(distance.shape)
+    light = None if amplitude is None else amplitude[part]
+    some = Statistics.of(*channels(distance[part], light))
+    return some if some is not None else Statistics.of(*channels(distance, amplitude))
 
 
 def _phasor_scaling(distance: Image, amplitude: Image, ambiguity_range: float) -> Scaling:

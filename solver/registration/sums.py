@@ -10,6 +10,7 @@ from solver.registration.mosaic import Mosaic
 from solver.registration.point_samples import Points
 from solver.registration.steepness import Mask, node_kinds, quantile, thinned
 from solver.registration.sweep import sweep
+from solver.runtime import team
 
 Image = NDArray[np.float32]
 
@@ -39,7 +40,18 @@ class Sums:
 
     def add(self, points: Points, place: Place) -> None:
         """Add points, whose weights are typically one, at places (rows, columns)."""
-        accumulate(points.values, points.weights, *place, *self.grid.origin, self.grid.density, self.images)
+        samples = points.values, points.weights, *place, points.first
+        others = np.zeros_like(self.images)
+        team.hand_out(
+            len(points.weights),
+            accumulate,
+            *samples,
+            self.grid.origin,
+            self.grid.density,
+            self.images,
+            others,
+        )
+        self.images += others
         self.mass += float(points.weights.sum())
 
     def solve(self, *, smoothing: float, sweeps: int, start: Image | None = None) -> Mosaic:

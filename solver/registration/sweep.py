@@ -13,13 +13,12 @@ step shorter. A sweep takes a single walk where a step of conjugate gradients ta
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.kernels.relaxation import relax_rows
+from solver.kernels.relaxation import relax_and_fade, relax_rows
 from solver.runtime import team
 
 Image = NDArray[np.float32]
 
 EPSILON = 0.3  # of a deviation between nodes: where the prior turns from quadratic to absolute
-_NOBODY = np.zeros(0, np.int64)  # the barrier of one thread
 
 
 def sweep(sums: Image, image: Image, into: Image, smoothing: float, density: float) -> None:
@@ -31,14 +30,14 @@ def sweep(sums: Image, image: Image, into: Image, smoothing: float, density: flo
         smoothing: λ in units of 1/σ.
         density: nodes per pixel.
     """
-    relax_rows(0, 1, _NOBODY, sums, image, into, *_prior(smoothing, density), np.float32(1), sums[:0])
+    team.hand_out(image.size, relax_rows, sums, image, into, *_prior(smoothing, density))
 
 
 def sweep_and_fade(
     sums: Image, image: Image, into: Image, smoothing: float, density: float, keep: float, rest: Image
 ) -> None:
     """As `sweep`; then let the sums go on to keep · sums + (1 − keep) · rest."""
-    team.run(relax_rows, sums, image, into, *_prior(smoothing, density), np.float32(keep), rest)
+    team.run(relax_and_fade, sums, image, into, *_prior(smoothing, density), np.float32(keep), rest)
 
 
 def _prior(smoothing: float, density: float) -> tuple[np.float32, np.float32]:

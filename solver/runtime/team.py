@@ -16,6 +16,9 @@ import numpy as np
 
 from solver.kernels.barrier import BROKEN, MEETINGS
 
+_WORTH = 50_000
+"""Samples that take some hundred microseconds, several times what it takes to wake a thread."""
+
 _one_team = threading.Lock()
 _pool: ThreadPoolExecutor | None = None
 
@@ -41,6 +44,30 @@ def run(loop: Callable[..., None], *arguments: Any) -> None:
         barrier[BROKEN] = 1  # for those who would wait for one that could not be started
     if failures:
         raise failures[0]
+
+
+def hand_out(count: int, loop: Callable[..., None], *arguments: Any) -> None:
+    """Call the compiled (`nogil`) loop(counter, *arguments), whose threads `take` pieces until none is left.
+
+    A thread that has not woken by then is not waited for: where others are at work it gets a processor after
+    milliseconds. Of a few samples, `count`, nothing is handed out.
+    """
+    counter = np.zeros(1, np.int64)
+    size = 1 if numba.config.DISABLE_JIT else numba.get_num_threads()  # type: ignore[attr-defined]
+    if size == 1 or count < _WORTH or not _one_team.acquire(blocking=False):
+        loop(counter, *arguments)
+        return
+    try:
+        others = [_others().submit(loop, counter, *arguments) for _ in range(1, size)]
+        try:
+            loop(counter, *arguments)
+        finally:
+            late = [other for other in others if not other.cancel()]
+            wait(late)
+        for other in late:
+            other.result()
+    finally:
+        _one_team.release()
 
 
 def share(loop: Callable[..., None], *arguments: Any) -> None:

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import pytest
 
-from solver.kernels.barrier import meet
+from solver.kernels.barrier import meet, take
 from solver.runtime import team
 
 if numba.config.NUMBA_NUM_THREADS == 1:
@@ -51,3 +51,18 @@ def test_a_thread_that_fails_leaves_none_waiting(rank: int) -> None:
     with pytest.raises(MemoryError):
         result(fails=rank)
     assert result() == result()
+
+
+@numba.njit(nogil=True)
+def mark(counter, pieces):  # type: ignore[no-untyped-def]
+    k = take(counter)
+    while k < len(pieces):
+        pieces[k] += 1
+        k = take(counter)
+
+
+@pytest.mark.parametrize("samples", [1, 10**6])
+def test_each_piece_that_is_handed_out_is_taken_once(samples: int) -> None:
+    pieces = np.zeros(1000, np.int64)
+    team.hand_out(samples, mark, pieces)
+    assert (pieces == 1).all()
