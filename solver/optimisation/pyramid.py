@@ -17,6 +17,7 @@ from solver.optimisation.padding import cropped
 from solver.optimisation.prior import Prior
 from solver.optimisation.sampling import SparseTerm
 from solver.optimisation.term import start
+from solver.runtime.threads import enough_threads
 
 _LEAST = 4
 """Cells across the shorter side of the coarsest grid."""
@@ -39,31 +40,41 @@ def coarse_start(
         prior: the operator ∇.
         tolerance: relative error of the objective that is asked of the fused grid.
     """
-    side = max(1, 2 ** int(np.log2(min(weight.shape) / _LEAST)))
+    grids, iterations = _grids(weight, weight * mean), 0
     found: NDArray[np.float32] | None = None
-    iterations = 0
-    while side > 1 and (side >= factor or iterations > _EASY):
-        cells = _cells(weight, side)
-        means = (_cells(weight * mean, side) / np.where(cells > 0, cells, 1)).astype(np.float32)
+    for level in range(len(grids) - 1, 0, -1):
+        side = 2**level
+        if side < factor and iterations <= _EASY:
+            break
+        cells, sums = grids[level]
+        means = sums / np.where(cells > 0, cells, np.float32(1))
         first = (
             smoothed(means, cells, max(1, factor // side)) if found is None else _finer(found, cells.shape)
         )
         state = start(first[None])
         state.radius *= np.float32(side)
-        term = SparseTerm(cells, means, 0.0)
-        outcome = minimise(term, prior, state, tolerance=_TOLERANCE * tolerance, limit=_LIMIT, certify=False)
+        term, own = SparseTerm(cells, means, 0.0), _TOLERANCE * tolerance
+        with enough_threads(cells.size):
+            outcome = minimise(term, prior, state, tolerance=own, limit=_LIMIT, certify=False)
         iterations = outcome.iterations
         found = cropped(outcome.state.x, cells.shape)[0].astype(np.float32)
-        side //= 2
     return smoothed(mean, weight, factor) if found is None else _finer(found, weight.shape)
 
 
-def _cells(image: NDArray[np.float32], side: int) -> NDArray[np.float32]:
-    """Sums over cells of side × side pixels; the last ones may be cut."""
-    rows, columns = (-(-n // side) for n in image.shape)
-    whole = np.zeros((rows * side, columns * side), np.float32)
-    whole[: image.shape[0], : image.shape[1]] = image
-    return np.asarray(whole.reshape(rows, side, columns, side).sum((1, 3)), np.float32)
+def _grids(*images: NDArray[np.float32]) -> list[tuple[NDArray[np.float32], ...]]:
+    """The images, and their sums over cells of 2 × 2, 4 × 4, … pixels down to the coarsest grid."""
+    grids = [images]
+    while min(grids[-1][0].shape) >= 2 * _LEAST:
+        grids.append(tuple(_halved(image) for image in grids[-1]))
+    return grids
+
+
+def _halved(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Sums over cells of 2 × 2 pixels; the last ones may be cut."""
+    rows, columns = image.shape
+    even = cv2.copyMakeBorder(image, 0, rows % 2, 0, columns % 2, cv2.BORDER_CONSTANT)
+    size = even.shape[1] // 2, even.shape[0] // 2
+    return np.asarray(4 * cv2.resize(even, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
 def _finer(image: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.float32]:
