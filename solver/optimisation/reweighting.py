@@ -26,7 +26,7 @@ from solver.optimisation.memory_gradient import Memory, Outcome, minimise
 from solver.optimisation.prior import Prior
 from solver.optimisation.slope import slope
 from solver.optimisation.swings import find_swings
-from solver.optimisation.term import State, Term, start, start_at
+from solver.optimisation.term import State, Term, start_at
 from solver.optimisation.ties import Ties
 from solver.options import FusionOptions
 from solver.result import Progress
@@ -124,7 +124,7 @@ class Trail:
 def minimise_reweighted(
     term: Term,
     prior: Prior,
-    first: Callable[[], NDArray[np.floating]],
+    first: Callable[[], State],
     plan: Reweighting | None,
     *,
     unit: Unit,
@@ -134,11 +134,11 @@ def minimise_reweighted(
 ) -> tuple[Outcome, Trail]:
     """Run all passes; `max_iterations` bounds them together, one iteration each at least.
 
-    Without a plan there is one pass, not weighted. It starts from the map `first()`, (C, rows, columns) in
-    units of λ, or from the `trail` of a run before, whose outcome is not certified: its gap is NaN. Where
+    Without a plan there is one pass, not weighted. It starts from the state `first()`, in units of λ, or
+    from the `trail` of a run before, whose outcome is not certified: its gap is NaN. Where
     that one's last pass has gone on since, it is not run to its end either.
     """
-    state, swings = start(first()) if trail is None else trail.start(0, unit), None
+    state, swings = first() if trail is None else trail.start(0, unit), None
     ends, done = Trail(unit, plan, [state], [term]), 0
     passes, early = (0, 0.0) if plan is None else (plan.passes, plan.tolerance)
     enough = _RENEWED if trail is not None and trail.followed else options.max_iterations
