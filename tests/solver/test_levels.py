@@ -35,7 +35,7 @@ def test_the_least_objective_is_found_in_fewer_iterations_than_from_pixel_to_pix
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     frames, shifts = still_and_dark(), np.zeros((4, 2))
-    options = FusionOptions(method="area", max_iterations=2000)
+    options = FusionOptions(method="area", tolerance=2e-4, max_iterations=2000)
     found = fuse(frames, options=options, shifts=shifts).report
     monkeypatch.setattr(memory_gradient, "_CREEPING", 10**9)
     crept = fuse(frames, options=options, shifts=shifts).report
