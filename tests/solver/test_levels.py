@@ -39,7 +39,7 @@ def test_the_least_objective_is_found_in_fewer_iterations_than_from_pixel_to_pix
     found = fuse(frames, options=options, shifts=shifts).report
     monkeypatch.setattr(memory_gradient, "_CREEPING", 10**9)
     crept = fuse(frames, options=options, shifts=shifts).report
-    assert found.iterations < 0.7 * crept.iterations
+    assert found.iterations < 0.8 * crept.iterations
     assert found.objective < 1.005 * crept.objective
 
 
