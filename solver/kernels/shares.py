@@ -81,6 +81,7 @@ def outermost(rank, size, distance, sigma, most, away, positions, outer):  # typ
     frames, rows, columns = distance.shape
     first, last = rank * rows // size, (rank + 1) * rows // size
     outer[:, :, first:last] = np.float32(np.inf)
+    nearest, farthest = outer[0].reshape(outer.shape[1], -1), outer[1].reshape(outer.shape[1], -1)
     places = np.empty(columns, np.int32)
     for k in range(frames):
         for i in range(rows):
@@ -88,17 +89,17 @@ def outermost(rank, size, distance, sigma, most, away, positions, outer):  # typ
             for j in range(columns):
                 y, s, place = distance[k, i, j], sigma[k, i, j], places[j]
                 if s <= most and first * columns <= place < last * columns and y == y:
-                    u, v = place // columns, place % columns
-                    _insert(y + away * s, outer[0, :, u, v])
-                    _insert(away * s - y, outer[1, :, u, v])
+                    _insert(y + away * s, nearest, np.uintp(place))
+                    _insert(away * s - y, farthest, np.uintp(place))
 
 
 @njit
-def _insert(value, ranked):  # type: ignore[no-untyped-def]
-    """Put a value in its place among the least, of which the greatest is given up."""
-    for at in range(ranked.size):
-        if value < ranked[at]:
-            value, ranked[at] = ranked[at], value
+def _insert(value, ranked, place):  # type: ignore[no-untyped-def]
+    """Put a value in its order among the least at a place, of which the greatest is given up."""
+    if value < ranked[-1, place]:
+        for at in range(ranked.shape[0]):
+            if value < ranked[at, place]:
+                value, ranked[at, place] = ranked[at, place], value
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

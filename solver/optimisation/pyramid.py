@@ -54,7 +54,7 @@ def coarse_start(
         if side < factor and iterations <= _EASY:
             break
         cells, sums = grids[level]
-        means = sums / np.where(cells > 0, cells, np.float32(1))
+        means = np.asarray(sums / np.where(cells > 0, cells, np.float32(1)), np.float32)
         first = (
             smoothed(means, cells, max(1, factor // side)) if found is None else _finer(found, cells.shape)
         )
