@@ -81,6 +81,7 @@ def outermost(rank, size, distance, sigma, most, away, positions, outer):  # typ
     frames, rows, columns = distance.shape
     first, last = rank * rows // size, (rank + 1) * rows // size
     outer[:, :, first:last] = np.float32(np.inf)
+    nearest, farthest = outer[0].reshape(outer.shape[1], -1), outer[1].reshape(outer.shape[1], -1)
     places = np.empty(columns, np.int32)
     for k in range(frames):
         for i in range(rows):
@@ -88,17 +89,17 @@ def outermost(rank, size, distance, sigma, most, away, positions, outer):  # typ
             for j in range(columns):
                 y, s, place = distance[k, i, j], sigma[k, i, j], places[j]
                 if s <= most and first * columns <= place < last * columns and y == y:
-                    u, v = place // columns, place % columns
-                    _insert(y + away * s, outer[0, :, u, v])
-                    _insert(away * s - y, outer[1, :, u, v])
+                    _insert(y + away * s, nearest, np.uintp(place))
+                    _insert(away * s - y, farthest, np.uintp(place))
 
 
 @njit
-def _insert(value, ranked):  # type: ignore[no-untyped-def]
-    """Put a value in its place among the least, of which the greatest is given up."""
-    for at in range(ranked.size):
-        if value < ranked[at]:
-            value, ranked[at] = ranked[at], value
+def _insert(value, ranked, place):  # type: ignore[no-untyped-def]
+    """Put a value in its order among the least at a place, of which the greatest is given up."""
+    if value < ranked[-1, place]:
+        for at in range(ranked.shape[0]):
+            if value < ranked[at, place]:
+                value, ranked[at, place] = ranked[at, place], value
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -123,30 +124,29 @@ def light_up(rank, size, distance, sigma, most, positions, amplitude, bounds, do
     first, last = rank * rows // size, (rank + 1) * rows // size
     sums[:, first:last] = 0
     near, far = bounds[0].reshape(-1), bounds[1].reshape(-1)
-    places, one = np.empty(columns, np.int32), np.float32(1)
+    into, places, one = sums.reshape(7, -1), np.empty(columns, np.int32), np.float32(1)
     for k in range(frames):
         for i in range(rows):
             find(positions[k, i], rows, columns, places)
             for j in range(columns):
-                place = places[j]
-                if not first * columns <= place < last * columns:
+                if not first * columns <= places[j] < last * columns:
                     continue
+                place = np.uintp(places[j])
                 y, s, light = distance[k, i, j], sigma[k, i, j], amplitude[k, i, j]
-                into = sums[:, place // columns, place % columns]
-                into[0] += one
+                into[0, place] += one
                 if not (s <= most and y == y):
-                    into[1] += one
+                    into[1, place] += one
                     continue
                 span = far[place] - near[place]
                 if not (0 < span < np.inf and light > 0):
                     continue
                 part = min(max((far[place] - y) / span, np.float32(0)), one)
                 sure = min(max(2 - doubt * s / span, np.float32(0)), one)
-                into[2] += sure * light * part * part
-                into[3] += sure * light * part * (one - part)
-                into[4] += sure * light * (one - part) * (one - part)
-                into[5] += sure * part
-                into[6] += sure * (one - part)
+                into[2, place] += sure * light * part * part
+                into[3, place] += sure * light * part * (one - part)
+                into[4, place] += sure * light * (one - part) * (one - part)
+                into[5, place] += sure * part
+                into[6, place] += sure * (one - part)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

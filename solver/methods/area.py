@@ -18,6 +18,7 @@ from solver.optimisation.memory_gradient import Outcome
 from solver.optimisation.padding import cropped
 from solver.optimisation.prior import Prior
 from solver.optimisation.reweighting import Reweighting, Trail, Unit, minimise_reweighted, resume
+from solver.optimisation.term import start
 from solver.optimisation.ties import Tied
 from solver.preparation.consensus import LOST
 from solver.preparation.noise import relief
@@ -98,7 +99,7 @@ def _run(problem: Problem, trail: Trail | None, progress: Progress | None) -> tu
     return minimise_reweighted(
         term,
         Prior(options.neighbourhood),
-        term.mean,
+        lambda: start(term.mean()),
         _plan(problem, term, strength),
         unit=unit,
         options=options,

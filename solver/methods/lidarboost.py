@@ -45,7 +45,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
             prior,
             lambda: coarse_start(
                 mean, samples.weight, problem.options.upsampling, prior, problem.options.tolerance
-            )[None],
+            ),
             None,
             unit=unit,
             options=problem.options,

@@ -11,14 +11,12 @@ neither: they take any ∇ᵀp where they fall, and bounds of the map pay for wh
 `kernels.bound`), so each group is brought into its ball alone.
 """
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from solver.kernels import dual as duals
 from solver.runtime import team
-
-_SMALL = 100_000
-"""Pixels up to which one thread transforms faster than two."""
 
 
 def divergence(dual: NDArray[np.floating], weights: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -57,12 +55,19 @@ def shrinkage(
 
 def _poisson(source: NDArray[np.floating], down: float, right: float) -> NDArray[np.floating]:
     """φ of (down · L_rows + right · L_columns) φ = source, L the second difference with free ends."""
-    from scipy.fft import dctn, idctn  # only here: it takes long to import, and few methods come here
-
     rows, columns = source.shape
     row = down * (2 - 2 * np.cos(np.pi * np.arange(rows) / rows))
     column = right * (2 - 2 * np.cos(np.pi * np.arange(columns) / columns))
-    workers = 2 if source.size > _SMALL else 1
-    spectrum = dctn(source, norm="ortho", workers=workers, overwrite_x=True)
+    spectrum = _cosines(source)
     duals.divide(spectrum, row.astype(source.dtype), column.astype(source.dtype))
-    return np.asarray(idctn(spectrum, norm="ortho", workers=workers, overwrite_x=True))
+    return _cosines(spectrum, inverse=True)
+
+
+def _cosines(image: NDArray[np.floating], *, inverse: bool = False) -> NDArray[np.floating]:
+    """The orthonormal cosine transform of an image (rows, columns), or the inverse one."""
+    if image.shape[0] % 2 == 0 and image.shape[1] % 2 == 0:
+        return np.asarray(cv2.dct(image, flags=cv2.DCT_INVERSE if inverse else 0), image.dtype)
+    # Twice as slow, but OpenCV knows even sizes only.
+    from scipy.fft import dctn, idctn  # only here: it takes long to import, and few come here
+
+    return np.asarray((idctn if inverse else dctn)(image, norm="ortho"))

@@ -26,7 +26,7 @@ from solver.optimisation.memory_gradient import Memory, Outcome, minimise
 from solver.optimisation.prior import Prior
 from solver.optimisation.slope import slope
 from solver.optimisation.swings import find_swings
-from solver.optimisation.term import State, Term, start, start_at
+from solver.optimisation.term import State, Term, start_at
 from solver.optimisation.ties import Ties
 from solver.options import FusionOptions
 from solver.result import Progress
@@ -39,8 +39,13 @@ _TAPS = 3
 """To either side: 4 deviations."""
 
 _RENEWED, _BLUNTER = 8, 8.0
-"""The most iterations of the last pass where a stream is prepared anew, and the factor on the ε that a last
-pass starts from: to the end it would take several times as many, for a map that is no better."""
+"""The most iterations of the last pass where a stream is prepared anew, and the factor on the ε at which a
+pass, or the one before it, ended, for the start of the next: to the end, or from the bluntest ε, it would
+take several times as many, for a map that is no better."""
+
+_NEAR = 4.0
+"""Factor on the tolerance of the last pass with weights: nearer to its minimum a map is no nearer to the
+scene."""
 
 _A_FEW, _PLAIN = 2, 4
 """The most iterations after an exchange of one frame, with weights and without: what is left, those after the
@@ -124,7 +129,7 @@ class Trail:
 def minimise_reweighted(
     term: Term,
     prior: Prior,
-    first: Callable[[], NDArray[np.floating]],
+    first: Callable[[], State],
     plan: Reweighting | None,
     *,
     unit: Unit,
@@ -134,13 +139,13 @@ def minimise_reweighted(
 ) -> tuple[Outcome, Trail]:
     """Run all passes; `max_iterations` bounds them together, one iteration each at least.
 
-    Without a plan there is one pass, not weighted. It starts from the map `first()`, (C, rows, columns) in
-    units of λ, or from the `trail` of a run before, whose outcome is not certified: its gap is NaN. Where
+    Without a plan there is one pass, not weighted. It starts from the state `first()`, in units of λ, or
+    from the `trail` of a run before, whose outcome is not certified: its gap is NaN. Where
     that one's last pass has gone on since, it is not run to its end either.
     """
-    state, swings = start(first()) if trail is None else trail.start(0, unit), None
+    state, swings = first() if trail is None else trail.start(0, unit), None
     ends, done = Trail(unit, plan, [state], [term]), 0
-    passes, early = (0, 0.0) if plan is None else (plan.passes, plan.tolerance)
+    passes, early, late = (0, 0.0, 1.0) if plan is None else (plan.passes, plan.tolerance, _NEAR)
     enough = _RENEWED if trail is not None and trail.followed else options.max_iterations
     for number in range(passes + 1):
         last = number == passes
@@ -148,7 +153,7 @@ def minimise_reweighted(
             ends.terms[number],
             prior,
             ends.states[number],
-            tolerance=options.tolerance if last else max(options.tolerance, early),
+            tolerance=late * options.tolerance if last else max(options.tolerance, early),
             limit=max(1, min(options.max_iterations - done, enough if last else options.max_iterations)),
             scale=unit.scale**2,
             progress=progress,
@@ -161,7 +166,7 @@ def minimise_reweighted(
                 swings = None if plan.smoother is None else find_swings(prior.norms(before.x), plan.epsilon)
                 many = swings is not None and swings.mean() > plan.outvoted
                 plan.distrust(before.x, swings if many else None)
-            state = start_at(before.x.copy()) if trail is None else trail.start(number + 1, unit)
+            state = _following(before) if trail is None else trail.start(number + 1, unit)
             ends.states.append(state)
             ends.terms.append(_learn(prior, before, plan, state, swings))
     ends.memory = outcome.memory
@@ -189,6 +194,11 @@ def resume(trail: Trail, prior: Prior, options: FusionOptions, exchanged: int) -
     )
     trail.memory, trail.followed = outcome.memory, True
     return outcome
+
+
+def _following(before: State) -> State:
+    """A pass's start where the one before it ended, without weights."""
+    return replace(start_at(before.x.copy()), epsilon=_BLUNTER * before.epsilon)
 
 
 def _learn(

@@ -28,8 +28,10 @@ def find_swings(norms: Image, epsilon: float) -> Image | None:
         norms: (rows + 4, columns + 4) of a padded map's differences.
         epsilon: the norm that is half an edge.
     """
-    squares = (norms[PAD:-PAD, PAD:-PAD] / epsilon) ** 2
-    edges = cv2.blur(squares / (1 + squares), (_AROUND, _AROUND), borderType=cv2.BORDER_REFLECT)
+    squares = norms[PAD:-PAD, PAD:-PAD] / epsilon
+    squares *= squares
+    squares /= 1 + squares
+    edges = cv2.blur(squares, (_AROUND, _AROUND), borderType=cv2.BORDER_REFLECT)
     if edges.max() <= _EDGES[0]:
         return None
     return np.pad(np.clip((edges - _EDGES[0]) / (_EDGES[1] - _EDGES[0]), 0, 1), PAD).astype(norms.dtype)

@@ -35,11 +35,11 @@ def test_the_least_objective_is_found_in_fewer_iterations_than_from_pixel_to_pix
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     frames, shifts = still_and_dark(), np.zeros((4, 2))
-    options = FusionOptions(method="area", max_iterations=2000)
+    options = FusionOptions(method="area", tolerance=2e-4, max_iterations=2000)
     found = fuse(frames, options=options, shifts=shifts).report
     monkeypatch.setattr(memory_gradient, "_CREEPING", 10**9)
     crept = fuse(frames, options=options, shifts=shifts).report
-    assert found.iterations < 0.7 * crept.iterations
+    assert found.iterations < 0.8 * crept.iterations
     assert found.objective < 1.005 * crept.objective
 
 
