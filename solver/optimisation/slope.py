@@ -8,6 +8,7 @@ Pock, "Total generalized variation", SIAM J. Imaging Sci. 2010) with its vector 
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.kernels import agreement
 from solver.kernels import rises as kernels
 from solver.kernels.smoothing import gaussian
 from solver.runtime import team
@@ -89,7 +90,7 @@ def agreed(
     share = x.dtype.type(0.5 * (reach / away) ** 2)
     law = away, x.dtype.type(1 / edge**2), share
     image = x[0], slopes[0], measure, light
-    team.share(kernels.choose, *image, x.dtype.type(curvature_noise(reach) * noise), *law, out[0])
+    team.share(agreement.choose, *image, x.dtype.type(curvature_noise(reach) * noise), *law, out[0])
     return out
 
 
