@@ -58,14 +58,13 @@ def _differences(samples, ambiguity, apart):  # type: ignore[no-untyped-def]
         if samples[0, k] == samples[0, k]:
             samples[:, count] = samples[:, k]
             count += 1
-    for k in range(count):
-        nearest, other = np.float32(np.inf), k
-        for n in range(count):
-            down, right = samples[1, n] - samples[1, k], samples[2, n] - samples[2, k]
-            square = down * down + right * right
-            if n != k and square < nearest:
-                nearest, other = square, n
-        step = samples[0, other] - samples[0, k]
+    y, u, v, n = samples[0, :count], samples[1, :count], samples[2, :count], np.uintp(count)
+    for k in range(n):
+        nearest, step = np.float32(np.inf), np.float32(0)
+        for other in range(n):
+            square = (u[other] - u[k]) ** 2 + (v[other] - v[k]) ** 2
+            closer = (square < nearest) & (other != k)
+            nearest, step = (square if closer else nearest), (y[other] - y[k] if closer else step)
         apart[k] = abs(step - ambiguity * np.round(step / ambiguity))
     return count
 
