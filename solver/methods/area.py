@@ -4,8 +4,8 @@
 
 y are distances, those at edges as they would be if a pixel averaged distances where it averages phasors (see
 `solver.preparation.unmixing`). Ω weighs samples by their noise, relative to the median's, so that λ stays in
-units of distance. E is solved once; two more passes know its edges and slopes (see
-`solver.optimisation.reweighting`).
+units of distance, and by its power 3/2, as λ goes by it: so every sample is smoothed as if all were as noisy
+as it is. E is solved once; two more passes know its edges and slopes (see `solver.optimisation.reweighting`).
 """
 
 from functools import partial
@@ -25,10 +25,12 @@ from solver.preparation.noise import relief
 from solver.preparation.problem import Problem, Solution
 from solver.result import Progress
 
-_NOISE, _CLEAN = 15.0, 0.0006
-"""λ = σ √(σ / (15 · relief)), and at least 0.0006 of the scene's range for noise-free frames. The power
-3/2 is set by trial; it lies between the σ of a discrepancy rule and the σ² of a Laplacian prior. So is the
-relief (see `solver.preparation.noise`), in place of which the scene's range is worse for detailed objects."""
+_NOISE, _FRAMES, _CLEAN = 15.0, 15, 0.0006
+"""λ = √(N / 15) σ √(σ / (15 · relief)), and at least 0.0006 of the scene's range for noise-free frames. The
+power 3/2 is set by trial; it lies between the σ of a discrepancy rule and the σ² of a Laplacian prior. So is
+the relief (see `solver.preparation.noise`), in place of which the scene's range is worse for detailed
+objects. The noise in a sum over N frames grows with √N: with a λ that does not, many frames are smoothed too
+little where it is dim, and few frames too much."""
 
 _MIXING = 0.005
 """Of the scene's range, where an ambiguity range says that samples average phasors: what the average of
@@ -151,7 +153,8 @@ def _plan(problem: Problem, term: AreaTerm, strength: float) -> Reweighting:
 def _strength(problem: Problem, used: NDArray[np.bool_]) -> float:
     if problem.options.regularization != "auto":
         return float(problem.options.regularization)
-    noise, extent = problem.usual_deviation, problem.spread
+    extent = problem.spread
+    noise = problem.usual_deviation * float(np.cbrt(len(problem.distance) / _FRAMES))
     if problem.ambiguity_range is not None:
         noise = float(np.hypot(noise, _MIXING * np.sqrt(len(problem.distance)) * extent))
     scale = max(float(np.abs(problem.distance[used]).max()), float(np.finfo(np.float32).tiny))
@@ -171,7 +174,8 @@ def _weights(
     if problem.ambiguity_range is not None:
         kept = used & (sigma <= problem.ambiguity_range / LOST)
         used = kept if _any_within(problem, kept, problem.ambiguity_range / LOST) else used
-    return np.where(used, (usual / deviation) ** 2, 0).astype(np.float32)
+    ratio = np.float32(usual) / deviation
+    return np.where(used, ratio * np.sqrt(ratio), np.float32(0))
 
 
 def _any_within(problem: Problem, kept: NDArray[np.bool_], most: float) -> bool:

@@ -34,6 +34,7 @@ class Problem:
         threshold: the amplitude under which samples were left out; 0 = none were.
         cut: the distance under which samples lie beyond the range, and were brought there; see `wrapping`.
         consensus: what the frames say together; None where that is not asked, see `preparation.prepare`.
+        scatter: (H, W), deviations where they exceed `noise` and no amplitude tells them, else 0, or None.
         exchanged: numbers of the frames that alone have changed since it was solved last; empty = all.
     """
 
@@ -48,6 +49,7 @@ class Problem:
     threshold: float = 0.0
     cut: float = 0.0
     consensus: Consensus | None = None
+    scatter: NDArray[np.float32] | None = None
     exchanged: tuple[int, ...] = ()
 
     @property

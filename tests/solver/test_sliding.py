@@ -75,7 +75,7 @@ def test_a_window_whose_frames_are_exchanged_gives_what_fuse_gives(method: str) 
         # Noise of 5 mm; a pixel on the block's edge may go to either side.
         difference = np.abs(streamed.distance - whole.distance)[8:-8, 8:-8]
         assert difference.mean() < 0.001
-        assert np.percentile(difference, 99) < 0.005
+        assert np.percentile(difference, 99) < 0.006
         spread = np.abs(streamed.deviation / whole.deviation - 1)
         # What `phasor` tells of its bias is read off a few windows of the map, so it scatters.
         if method == "phasor":
