@@ -25,8 +25,9 @@ _AGREES = 0.75
 """Discrepancy, in units of noise that nothing is fitted to, at which map and samples agree; a smooth surface
 has 0.5 to 0.9."""
 
-_FREEST = 100.0
-"""By how much a prior gives way at most."""
+_FREEST = 20.0
+"""By how much a prior gives way at most: where samples contradict each other no map agrees with them, and a free
+one swings."""
 
 
 def eased(ease: Image, z: Image, pull: Image, bend: Image, weight: np.floating, factor: int) -> Image:
