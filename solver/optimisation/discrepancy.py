@@ -26,8 +26,8 @@ _AGREES = 0.75
 has 0.5 to 0.9."""
 
 _FREEST = 20.0
-"""By how much a prior gives way at most: where samples contradict each other no map agrees with them, and a free
-one swings."""
+"""By how much a prior gives way at most: where samples contradict each other no map agrees with them, and one
+that is free swings."""
 
 
 def eased(ease: Image, z: Image, pull: Image, bend: Image, weight: np.floating, factor: int) -> Image:

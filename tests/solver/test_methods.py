@@ -128,7 +128,7 @@ def test_phasor_keeps_to_the_surfaces_at_an_edge() -> None:
         fused = fuse(distance, amplitude, shifts=shifts, ambiguity_range=7.5, options=options).distance
         return float(((fused > 1.3) & (fused < 2.5)).mean())
 
-    # Two fused columns of 96 may remain, where the edge runs through one of them, and a few cells beside them.
+    # Two fused columns of 96 may remain, where the edge runs through one of them, and a few cells more.
     assert between("phasor") <= 2.4 / 96
     assert between("phasor") < between("nearest")
     assert between("phasor") < 0.5 * between("lidarboost")
