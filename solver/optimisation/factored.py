@@ -1,14 +1,15 @@
 """Amplitude and distance apart: Z = exp(l + iφ), each with a heavy-tailed penalty of its own.
 
     E(l, φ) = ½ s Σ_k ‖y_k − A_k Z‖² + Σ_pairs w κ_l log(1 + (Δl / δ_l)²)
-                                      + Σ_pairs w κ_φ |Z|^¼ log(1 + ((Δφ − tilt) / δ_φ)²) / (1 + (Δl / e)²)
+                                      + Σ_pairs w κ_φ |Z|^¼ log(1 + ((Δφ − t) / δ_φ)²) / ((1 + (Δl / e)²) g)
 
 over pairs of neighbours, w one over their distance, s the inverse of the variance of a sample's component, so
 that the first sum is the true log-likelihood: its weight grows with N and falls with the noise by itself. The
-tilt is what the slope of the surroundings foretells (see `optimisation.slope`), that of 1 / φ, which is the
+tilt t is what the slope of the surroundings foretells (see `optimisation.slope`), that of 1 / φ, which is the
 same all over a plane. Print changes l and leaves φ; a pair's tail ties along an edge and frees across it.
 Where the amplitude steps, a step of the distance is more likely, so its penalty is eased: else a dark thing
-is drawn to what is bright around it. |Z| is that of the darker one of the two.
+is drawn to what is bright around it. |Z| is that of the darker one of the two. g is what the prior gives way
+by, where the samples contradict it (see `optimisation.discrepancy`).
 
 It is not convex. The penalties lie under quadratics that touch them at the present state (see
 `kernels.pairs`); the slope and the easing are held; and Z moves by Z exp x, which is linear in x for small
@@ -26,7 +27,7 @@ from numpy.typing import NDArray
 from solver.kernels import factors as kernels
 from solver.kernels import newton, pairs
 from solver.kernels.group import PAD
-from solver.optimisation.discrepancy import eased, spread
+from solver.optimisation.discrepancy import eased, held_back, spread
 from solver.optimisation.footprint import AreaTerm
 from solver.optimisation.padding import padded
 from solver.optimisation.slope import agreed, apart, curvature_noise, slope
@@ -99,6 +100,10 @@ _MOST = np.array([0.7, 0.3])
 _HIDDEN, _LEFT = 0.85, 0.1
 """Deviations of what the tilt does not show and of what it does, in units of the second differences that it
 hides and shows times the reach: relief that the map smooths away."""
+
+_HELD = 1.5
+"""Variance of what may be held back where the prior gives way all around, in units of that of the samples of a
+low-resolution pixel together: it gives way no further than noise tells."""
 
 _ERRED = 0.0001 * _USUAL
 """What φ errs by however many samples there are."""
@@ -253,12 +258,14 @@ class Factored:
         """(rows, columns): the inverse variance of φ, by the data and by what they hide of the tilt."""
         out, single = np.empty(self.term.shape[1:], np.float32), np.float32
         assert self._tilt is not None
-        spread = max(1 / self.weight - MODEL**2, 1e-6 * MODEL**2)
+        variance = max(1 / self.weight - MODEL**2, 1e-6 * MODEL**2)
         # Five windows that half overlap.
         support = 8 * np.pi * self._reach**2
         power = support * self._reach**2 * curvature_noise(self._reach)
         law = single(1 / support), single(power), single(_HIDDEN**2), single(_LEFT**2), single(_ERRED**2)
-        data = self.z, self.term.curvature, single(1 / spread)
+        held = np.zeros(self.z.shape[1:], np.float32)
+        spread(held_back(self._ease) * np.float32(_HELD / self.term.factor**2), held)
+        data = self.z, self.term.curvature, held, single(1 / variance)
         curves = self._tilt[0], self._square, apart(self._reach), single(self._reach**2)
         team.share(kernels.informed, *data, *curves, law, out)
         return out

@@ -45,6 +45,8 @@ def conditions(stored: Results) -> list[str]:
     lines = _head("RMS / mean absolute error, mm", *(f"`{scene}`" for scene in names))
     for condition, text in OTHERS.items():
         method = "area" if condition == "dim" else "phasor"
+        if not pick(rows, names[0], condition, method):
+            continue
         lines.append(_line(text, *(_errors(pick(rows, scene, condition, method)) for scene in names)))
     return lines
 
