@@ -53,7 +53,7 @@ def eased(ease: Image, z: Image, pull: Image, bend: Image, weight: np.floating, 
 
 
 def held_back(ease: Image) -> Image:
-    """Part of what noise hides that the prior may hold back, of the same shape: 1 − 1 / the least ease around.
+    """Part of what noise hides that a prior may hold back, of the same shape: 1 − 1 / the least ease around.
 
     In noise alone it gives way here and there, and nothing is held back.
     """
