@@ -108,10 +108,10 @@ def informed(rank, size, z, bend, held, weight, tilt, measure, away, scale, law,
     """out (rows, columns) ← the inverse variance of φ, the bias counted in; by a team.
 
     Data of density d, averaged over a support of n pixels, leave 1 / (n d), and what they do not tell from
-    noise may be held back, in units of 1 / d. Second differences of the tilt that exceed their noise have been
-    followed, all but a part; what does not is lost in it: of a power x with noise of power y in it a filter
-    that passes 1 − y / x of it leaves y² / x, or x where all is noise. What nothing is known of may be any
-    angle, of variance π² / 3.
+    noise may be held back, in units of 1 / d. Second differences of the tilt that exceed their noise have
+    been followed, all but a part; what does not is lost in it: of a power x with noise of power y in it a
+    filter that passes 1 − y / x of it leaves y² / x, or x where all is noise. What nothing is known of may be
+    any angle, of variance π² / 3.
 
     Args:
         z: (2, rows + 4, columns + 4), the phasors.

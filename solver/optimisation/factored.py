@@ -102,8 +102,8 @@ _HIDDEN, _LEFT = 0.85, 0.1
 hides and shows times the reach: relief that the map smooths away."""
 
 _HELD = 1.5
-"""Variance of what may be held back where the prior gives way all around, in units of that of a low-resolution
-pixel's samples together: it gives way no further than noise tells."""
+"""Variance of what may be held back where the prior gives way all around, in units of that of a
+low-resolution pixel's samples together: it gives way no further than noise tells."""
 
 _ERRED = 0.0001 * _USUAL
 """What φ errs by however many samples there are."""
