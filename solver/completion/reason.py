@@ -19,7 +19,7 @@ def reasons(problem: Problem, distance: NDArray[np.float32], away: NDArray[np.fl
         away: fused pixels to the nearest one that is known from samples.
     """
     factor = problem.options.upsampling
-    out = np.uint8(FILLED) * (away > factor)  # elsewhere MEASURED, which is 0
+    out = np.where(away > factor, np.uint8(FILLED), np.uint8(MEASURED))
     unknown = np.isnan(distance)
     if unknown.any():
         causes = _causes(problem)

@@ -6,7 +6,7 @@ from numba import njit
 from solver.kernels.barrier import take
 
 PLACES = {"contract", "reassoc", "arcp", "nsz"}  # may be assumed of places: not that they are numbers
-WITHIN = 0xFFFFFF  # tells the compiler that an index is not negative: it need not look for wrapping
+WITHIN = 0x7FFFFFFF  # tells the compiler that an index is not negative: it need not look for wrapping
 
 
 @njit(cache=True, fastmath=PLACES)

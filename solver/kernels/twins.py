@@ -70,7 +70,7 @@ def _differences(samples, ambiguity, apart):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, cache=True)
-def hand_out(rank, size, scatter, positions, least, sigma):  # type: ignore[no-untyped-def]
+def assign(rank, size, scatter, positions, least, sigma):  # type: ignore[no-untyped-def]
     """sigma (N, H, W) ← the deviation (H, W) on the pixel that a sample falls on, `least` or more; by a team.
 
     Args:

@@ -48,7 +48,8 @@ _TIE, _ACROSS = 0.1, 0.055
 are set by trial."""
 
 _DOUBT, _ERRING = 5.0, 0.025
-"""Deviations, and part of the scene's range, that a sample may differ from the first map. Clean bursts of two
+"""Deviations of a usual sample, and n^¾ as many of one that is n times as noisy, and part of the scene's
+range, that a sample may differ from the first map. Clean bursts of two
 depth maps and two recordings have hardly a sample beyond; the optimum is flat."""
 
 _SETTLED = 0.02

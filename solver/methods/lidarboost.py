@@ -16,9 +16,10 @@ from solver.optimisation.sampling import SparseTerm, sample
 from solver.preparation.problem import Problem, Solution
 from solver.result import Progress
 
-_NOISE, _MIXING = 1.2, 0.01
-"""λ in units of one sample's deviation, and in units of the scene's range: noise-free samples still disagree,
-by what their footprints mix at edges. Both optima are flat."""
+_NOISE, _FRAMES, _MIXING = 1.2, 15, 0.01
+"""λ in units of one sample's deviation, with so many frames, and in units of the scene's range: noise-free
+samples still disagree, by what their footprints mix at edges. Both optima are flat. The noise in a sum over N
+frames grows with √N; with a λ that does not, many frames are smoothed too little."""
 
 
 def solve(problem: Problem, *, initial: Solution | None = None, progress: Progress | None = None) -> Solution:
@@ -70,6 +71,6 @@ def _strength(problem: Problem) -> float:
     if problem.options.regularization != "auto":
         return float(problem.options.regularization)
     scale = max(float(np.nanmax(np.abs(problem.distance))), float(np.finfo(np.float32).tiny))
-    noise = problem.usual_deviation
+    noise = problem.usual_deviation * np.sqrt(len(problem.distance) / _FRAMES)
     # A constant image has neither noise nor range; any λ gives it back.
     return max(float(np.hypot(_NOISE * noise, _MIXING * problem.spread)), 1e-6 * scale)

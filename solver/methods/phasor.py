@@ -9,6 +9,7 @@ one is a factor on the penalties.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -46,15 +47,19 @@ _MISPLACED = 0.004
 """Part of how much light and distance change about a sample that the model errs by besides: where an edge
 crosses a fused pixel, that pixel's mean stands for the whole of it. A bright thing has rings without."""
 
+_BEYOND = 1e6
+"""More than any phasor, in units of the RMS amplitude."""
+
 _RENEWED = SCHEDULE[:-1]
 """Of a stream that is prepared anew, which starts from the data too: edges that a map of other frames has
 found elsewhere hold out against sharp steps. With fewer steps a growing window's maps fall behind those of
 `fuse`. The last step's rounds are those of the maps that follow."""
 
-_FOLLOWED, _CHANGED = (Step(1.0, 2),), (*SCHEDULE[4:8:2], *SCHEDULE[-3:-1])
+_FOLLOWED = (Step(1.0, 2),)
+_CHANGED = tuple(replace(step, eases=False) for step in (*SCHEDULE[4:8:2], *SCHEDULE[-3:-1]))
 """After an exchange of one frame, and of more, where the scene has changed; from the map before."""
 
-_TOLD = 200.0
+_TOLD = 150.0
 """Bluntness under which a map tells samples that it does not explain."""
 
 _DISPUTED = 3e-4
@@ -170,13 +175,14 @@ def _settled(
     return out
 
 
-def _contrast(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(n, H, W): by how much phasors (2, n, H, W) differ about a pixel, squared."""
+def _contrast(values: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """(n, H, W): by how much phasors (2, n, H, W) differ about a pixel, squared; of those that are known."""
     about, out = np.ones((3, 3), np.uint8), np.zeros(values.shape[1:], np.float32)
-    for part in values:
-        for frame, square in zip(part, out, strict=True):
-            square += np.square(cv2.dilate(frame, about) - cv2.erode(frame, about))
-    return out
+    most, least = np.where(known, values, np.float32(-_BEYOND)), np.where(known, values, np.float32(_BEYOND))
+    for high, low in zip(most, least, strict=True):
+        for top, bottom, square in zip(high, low, out, strict=True):
+            square += np.square(cv2.dilate(top, about) - cv2.erode(bottom, about))
+    return np.where(known, out, 0)
 
 
 def _samples(problem: Problem, unit: float, frames: slice) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -192,5 +198,5 @@ def _samples(problem: Problem, unit: float, frames: slice) -> tuple[NDArray[np.f
     known = np.isfinite(distance) & (problem.amplitude[frames] > 0)
     values = np.where(known, values, 0)
     variance = np.float32((_component(problem) / unit) ** 2 + MODEL**2)
-    weights = variance / (variance + np.float32(_MISPLACED**2) * _contrast(values))
+    weights = variance / (variance + np.float32(_MISPLACED**2) * _contrast(values, known))
     return values, np.where(known, weights, 0)

@@ -12,7 +12,7 @@ is drawn to what is bright around it. |Z| is that of the darker one of the two. 
 by, where the samples contradict it (see `optimisation.discrepancy`).
 
 It is not convex. The penalties lie under quadratics that touch them at the present state (see
-`kernels.pairs`); the slope and the easing are held; and Z moves by Z exp x, which is linear in x for small
+`kernels.pairs`); the slope, the easing and g are held; and Z moves by Z exp x, which is linear in x for small
 ones: Gauss–Newton, solved by conjugate gradients (see `kernels.newton`). The δ begin wide, which is nearly
 quadratic, and are sharpened step by step (graduated non-convexity; Blake, Zisserman, "Visual
 Reconstruction", 1987).
@@ -138,7 +138,7 @@ class Factored:
     """A map in the middle of the descent, all in units of the RMS amplitude.
 
     Attributes:
-        term: the data, with values y; weights 0 or 1.
+        term: the data, with values y; weights 0 to 1.
         scale: the RMS amplitude.
         weight: s.
         noise: of |Z|, deviation, where all samples of a low-resolution pixel tell of it.
@@ -248,14 +248,14 @@ class Factored:
         self.term.distrust(self.z, None, _DOUBT * deviation, _ERRING)
 
     def objective(self) -> float:
-        """E, with the penalties' true values at full sharpness, the slope as the last step held it."""
+        """E, with the penalties' true values at full sharpness, slope and g as the last step held them."""
         sums = np.zeros(self.state.shape[1] - 2 * PAD)
-        tilt = self._find_tilt(1.0) if self._tilt is None else self._tilt
-        team.share(pairs.cost, self.state, self.z, self._loose, tilt[0], *self._laws(1.0), sums)
+        assert self._tilt is not None
+        team.share(pairs.cost, self.state, self.z, self._loose, self._tilt[0], *self._laws(1.0), sums)
         return 0.5 * self.weight * self.term.value(self.z) + float(sums.sum())
 
     def information(self) -> Image:
-        """(rows, columns): the inverse variance of φ, by the data and by what they hide of the tilt."""
+        """(rows, columns): inverse variance of φ by data, what they hide of the tilt, and what is held back."""
         out, single = np.empty(self.term.shape[1:], np.float32), np.float32
         assert self._tilt is not None
         variance = max(1 / self.weight - MODEL**2, 1e-6 * MODEL**2)

@@ -11,7 +11,7 @@ from solver.options import SINGLE, FusionOptions
 from solver.preparation import noise as noise_law
 from solver.preparation.consensus import MAJORITY, Consensus
 from solver.preparation.problem import Problem
-from solver.preparation.scatter import hand_out, scatter
+from solver.preparation.scatter import assign, scatter
 from solver.preparation.wrapping import find_cut, unwrapped
 
 
@@ -44,7 +44,7 @@ def prepare(
         sigma = np.full(distance.shape, noise, np.float32)
         if options.method == "area" and ambiguity_range is not None and noise > 0:
             local = scatter(distance, positions, noise, ambiguity_range)
-            hand_out(local, positions, noise, sigma)
+            assign(local, positions, noise, sigma)
     else:
         unlit, distance, sigma = distance, np.empty_like(distance), np.empty_like(distance)
         if not _light(unlit, amplitude, noise, threshold, sigma, distance):
@@ -101,7 +101,7 @@ def exchange(
         problem.distance[slot] = distance
         if problem.scatter is not None:
             one = slice(slot, slot + 1)
-            hand_out(problem.scatter, problem.positions[one], problem.noise, problem.sigma[one])
+            assign(problem.scatter, problem.positions[one], problem.noise, problem.sigma[one])
     else:
         problem.amplitude[slot] = amplitude
         lit, sigma = problem.distance[slot], problem.sigma[slot]

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.kernels import twins as kernels
-from solver.preparation.consensus import MAJORITY
 from solver.runtime import team
 
 Image = NDArray[np.float32]
@@ -28,9 +27,12 @@ _TO_SIGMA = float(1 / (np.sqrt(2) * NormalDist().inv_cdf(0.5 + _QUARTILE / 2)))
 _SIDE = 5
 """Pixels of the square of the median."""
 
+_LEAST = 8
+"""Samples on a pixel that tell: of fewer the nearest pairs lie apart, and a slope is taken for noise."""
+
 _STANDS = 2.0
-"""Times the usual noise, from which another one is believed: it is known to a fifth or so, and where it is
-taken for more than it is, the map is smoothed more."""
+"""Times the usual noise, from which another one is believed: of fifteen frames it is known to a fifth or so,
+and where it is taken for more than it is, the map is smoothed more."""
 
 
 def scatter(distance: Image, positions: Image, noise: float, ambiguity_range: float) -> Image:
@@ -40,12 +42,12 @@ def scatter(distance: Image, positions: Image, noise: float, ambiguity_range: fl
         positions: (N, H, W, 2).
     """
     found = np.empty(distance.shape[1:], np.float32)
-    law = np.float32(ambiguity_range), MAJORITY, _QUARTILE
+    law = np.float32(ambiguity_range), _LEAST, _QUARTILE
     team.share(kernels.compare, distance, positions, *law, found)
     found = np.asarray(cv2.medianBlur(found, _SIDE)) * np.float32(_TO_SIGMA)
     return np.where(found > _STANDS * noise, found, np.float32(0))
 
 
-def hand_out(scatter: Image, positions: Image, noise: float, sigma: Image) -> None:
+def assign(scatter: Image, positions: Image, noise: float, sigma: Image) -> None:
     """sigma (n, H, W) ← the deviations of samples at positions (n, H, W, 2)."""
-    team.share_frames(len(sigma), kernels.hand_out, scatter, positions, np.float32(noise), sigma)
+    team.share_frames(len(sigma), kernels.assign, scatter, positions, np.float32(noise), sigma)

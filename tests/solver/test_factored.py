@@ -174,14 +174,14 @@ def test_relief_as_fine_as_two_pixels_is_not_smoothed_away(noise):
     scene = Scene(2 + 0.02 * relief / relief.std(), np.full_like(ROW, 2500.0), noise=noise)
     exact = cv2.resize(scene.at(RAYS), (112, 96), interpolation=cv2.INTER_AREA)
     off = np.abs(scene.fused().distance - exact)[8:-8, 8:-8]
-    assert off.mean() < (0.0032 if noise < 1 else 0.0075)
+    assert off.mean() < (0.0022 if noise < 1 else 0.005)
 
 
 def test_a_bright_thing_has_no_rings_however_little_noise_there_is():
     inside = (ROW - 12.3) ** 2 + (COLUMN - 14.1) ** 2 < 6
     walls = np.where(inside, 2.0, 2.4 + 0.004 * COLUMN)
     usual, quiet = (Scene(walls, np.where(inside, 30000.0, 1200.0), noise=noise).rms() for noise in (1, 0.25))
-    assert quiet < 1.02 * usual < 0.04
+    assert quiet < 1.2 * usual < 0.05
 
 
 def test_a_numeric_strength_is_a_factor_of_which_one_is_auto():
@@ -246,8 +246,8 @@ def test_the_prior_gives_way_where_all_samples_pull_one_way_and_stays_where_nois
         parts = np.concatenate([z.real, z.imag]).astype(np.float32)
         pull = np.zeros_like(parts)
         fitted.term.pull(parts, weight, pull)
-        ease = np.full((32, 36), 10, np.float32)
-        return eased(ease, parts, pull, fitted.term.bend, weight, 4)[6:-6, 6:-6] / 10
+        ease = np.full((32, 36), 2, np.float32)
+        return eased(ease, parts, pull, fitted.term.bend, weight, 4)[6:-6, 6:-6] / 2
 
     # The truth leaves noise alone, in units of what agrees.
     assert 1.0 < discrepancy(0.0).mean() < 1.7

@@ -20,7 +20,7 @@ def fused(method):
     random = np.random.default_rng(0)
     _, columns = np.mgrid[:10, :12]
     distance = (2 + 0.4 * (columns > 6) + random.normal(0, 0.005, (3, 10, 12))).astype(np.float32)
-    shifts = np.array([[0, 0], [0.4, 0.3], [-0.3, 0.5]])
+    shifts = None if method == "nearest" else np.array([[0, 0], [0.4, 0.3], [-0.3, 0.5]])  # registered
     options = FusionOptions(method=method, upsampling=2)
     light = np.full(distance.shape, 1000, np.float32)
     return fuse(distance, light, options=options, shifts=shifts, ambiguity_range=7.5).distance.tolist()
@@ -64,7 +64,7 @@ def test_a_process_that_was_forked_or_spawned_fuses_alike(tmp_path: Path, how: s
 @pytest.mark.slow
 @pytest.mark.timeout(1000)
 def test_where_compiling_is_switched_off_the_map_is_the_same_and_it_is_said(tmp_path: Path) -> None:
-    methods = "shift-and-add", "ibsr", "mrf", "lidarboost", "area", "phasor"
+    methods = "nearest", "shift-and-add", "ibsr", "mrf", "lidarboost", "area", "phasor"
     compiled, said = run(tmp_path, "here", *methods)
     assert "NUMBA_DISABLE_JIT" not in said
     plain, said = run(tmp_path, "here", *methods, NUMBA_DISABLE_JIT="1")
