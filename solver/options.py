@@ -35,10 +35,10 @@ class FusionOptions:
         method: which fusion; `auto` is `phasor` where amplitude and ambiguity range are given, else `area`.
         upsampling: β, the integer factor between low- and high-resolution pixels.
         regularization: λ, or `auto` to set it from the noise level. In units of distance; for `phasor`,
-            which has no λ, a factor on its penalties, 1 = `auto` (they give way where samples contradict them);
-            for `ibsr` the paper's, on distance rescaled to 0..182.
-        tolerance: relative error of the objective at which the iteration stops, the last pass of `area` at four
-            times it; `phasor` has steps instead.
+            which has no λ, a factor on its penalties, 1 = `auto` (they give way where samples contradict
+            them); for `ibsr` the paper's, on distance rescaled to 0..182.
+        tolerance: relative error of the objective at which the iteration stops, the last pass of `area` at
+            four times it; `phasor` has steps instead.
         max_iterations: bound on the iterations; reaching it gives `converged = False` and a warning.
         amplitude_threshold: amplitude under which a sample is not used, in the amplitude's unit;
             0 = none, `auto` = from the noise law.

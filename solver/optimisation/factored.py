@@ -255,7 +255,7 @@ class Factored:
         return 0.5 * self.weight * self.term.value(self.z) + float(sums.sum())
 
     def information(self) -> Image:
-        """(rows, columns): inverse variance of φ by data, what they hide of the tilt, and what is held back."""
+        """(rows, columns): inverse variance of φ by data, what these hide, and what is held back."""
         out, single = np.empty(self.term.shape[1:], np.float32), np.float32
         assert self._tilt is not None
         variance = max(1 / self.weight - MODEL**2, 1e-6 * MODEL**2)
