@@ -70,7 +70,7 @@ def meet(barrier, size):  # type: ignore[no-untyped-def]
 @njit(nogil=True)
 def take(counter):  # type: ignore[no-untyped-def]
     """The number of the next piece of work that no thread has taken, by a counter (1,)."""
-    if config.DISABLE_JIT:
+    if config.DISABLE_JIT:  # type: ignore[attr-defined]
         counter[0] += 1
         return counter[0] - 1
     return _add(counter, 0, 1)  # type: ignore[call-arg]

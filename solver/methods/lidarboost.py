@@ -62,7 +62,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         outcome.objective * strength**2,
         outcome.gap,
         outcome.converged,
-        relative=strength / problem.usual_deviation,
+        relative=strength / (problem.usual_deviation * np.sqrt(len(problem.distance) / _FRAMES)),
         trail=trail,
     )
 

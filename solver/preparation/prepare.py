@@ -11,7 +11,7 @@ from solver.options import SINGLE, FusionOptions
 from solver.preparation import noise as noise_law
 from solver.preparation.consensus import MAJORITY, Consensus
 from solver.preparation.problem import Problem
-from solver.preparation.scatter import assign, scatter
+from solver.preparation.scatter import LEAST, assign, scatter
 from solver.preparation.wrapping import find_cut, unwrapped
 
 
@@ -42,7 +42,8 @@ def prepare(
     local = None
     if amplitude is None:
         sigma = np.full(distance.shape, noise, np.float32)
-        if options.method == "area" and ambiguity_range is not None and noise > 0:
+        enough = len(distance) >= LEAST and noise > 0
+        if options.method == "area" and ambiguity_range is not None and enough:
             local = scatter(distance, positions, noise, ambiguity_range)
             assign(local, positions, noise, sigma)
     else:

@@ -27,7 +27,7 @@ _TO_SIGMA = float(1 / (np.sqrt(2) * NormalDist().inv_cdf(0.5 + _QUARTILE / 2)))
 _SIDE = 5
 """Pixels of the square of the median."""
 
-_LEAST = 8
+LEAST = 8
 """Samples on a pixel that tell: of fewer the nearest pairs lie apart, and a slope is taken for noise."""
 
 _STANDS = 2.0
@@ -42,7 +42,7 @@ def scatter(distance: Image, positions: Image, noise: float, ambiguity_range: fl
         positions: (N, H, W, 2).
     """
     found = np.empty(distance.shape[1:], np.float32)
-    law = np.float32(ambiguity_range), _LEAST, _QUARTILE
+    law = np.float32(ambiguity_range), LEAST, _QUARTILE
     team.share(kernels.compare, distance, positions, *law, found)
     found = np.asarray(cv2.medianBlur(found, _SIDE)) * np.float32(_TO_SIGMA)
     return np.where(found > _STANDS * noise, found, np.float32(0))
