@@ -8,10 +8,11 @@ consistency, what happens with better data; where one frame errs less; and metro
 
 The pages' tables are made (`figures.py`) of what is stored in `tests/benchmarks/results` under these names:
 
-    --set reported --metrology no --json …/reported.json          --metrology only --json …/metrology.json
-    --set tuning --metrology no --json …/tuning.json
-    --condition all --scene stairs --scene dark --scene boxes --scene treads --scene objects --scene desk
-        --method area --method phasor --metrology no --json …/conditions.json
+    --seeds 1 --set reported --metrology no --json …/reported.json
+    --seeds 1 --set tuning --metrology no --json …/tuning.json
+    --seeds 1 --metrology only --json …/metrology.json
+    --seeds 1 --condition all --scene stairs --scene dark --scene boxes --scene treads --scene objects
+        --scene desk --method area --method phasor --metrology no --json …/conditions.json
 """
 
 import argparse
