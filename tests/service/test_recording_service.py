@@ -76,8 +76,10 @@ def test_a_disk_that_is_full_at_the_start_is_told_and_recorded_on_once_there_is_
     assert summary.maps > 0
     lost = told.statuses[-1].drops.recorded
     assert any(f"recorder: {lost} messages lost" in loss for loss in summary.lost)
-    assert summary.files
-    assert [Recording(name).damage for name in summary.files] == [None] * len(summary.files)
+    first, *later = [Recording(name).damage for name in summary.files]
+    # A first message may have gone into the last page, after which there is no room for an index.
+    assert first is None or (later and not first.lost_frames)
+    assert later == [None] * len(later)
 
 
 @pytest.mark.faults
