@@ -33,6 +33,10 @@ _LOST = 3.0
 """A distance is lost where what a low-resolution pixel's samples say of it deviates by over a third of a
 radian, by |Z| itself or by the mean of Z over two pixels: noise has a length, but no direction."""
 
+_FAINT = 0.1
+"""Part of the light around, over β, that the model errs by in a fused pixel. One that has less and lies more than
+60° off is a swing below zero, so that its distance is lost too: at β = 2 dark print came loose by metres."""
+
 _EDGE, _LEVEL = 0.004, 0.15
 """What is an edge: a step by so much of the ambiguity range from one neighbour of a cell to the other, beside
 which neither side rises by more than that part of it. A third and three times it give the same errors."""
@@ -43,9 +47,9 @@ nevertheless where that one is ten times darker and seen by ten deviations: the 
 that errs by 1.5 deviations of a cell's light, and by 0.15 at least, is far from a half or the cell stays
 between the sides."""
 
-_MISPLACED = 0.004
-"""Part of how much light and distance change about a sample that the model errs by besides: where an edge
-crosses a fused pixel, that pixel's mean stands for the whole of it. A bright thing has rings without."""
+_MISPLACED = 0.016
+"""Part of how much light and distance change about a sample, over β, that the model errs by besides: where an
+edge crosses a fused pixel, that pixel's mean stands for the whole of it. A bright thing has rings without."""
 
 _BEYOND = 1e6
 """More than any phasor, in units of the RMS amplitude."""
@@ -145,7 +149,8 @@ def _solution(problem: Problem, course: Factored, taken: int, converged: bool, f
     side = 2 * problem.options.upsampling + 1
     mean = np.stack([cv2.blur(part, (side, side)) for part in cropped(course.z, shape).copy()])
     cut = np.float32(_radians(problem, problem.cut))
-    units = np.float32(scale), np.float32(course.scale), cut, np.float32(least**2)
+    faint = np.float32((_FAINT / problem.options.upsampling) ** 2)
+    units = np.float32(scale), np.float32(course.scale), cut, np.float32(least**2), faint
     team.share(phasors.resolve, distance, amplitude, seen, mean, *units)
     distance = _settled(problem, course, distance, amplitude)
     information = cropped(course.information()[None], shape)[0] * np.float32(1 / scale**2)
@@ -198,5 +203,6 @@ def _samples(problem: Problem, unit: float, frames: slice) -> tuple[NDArray[np.f
     known = np.isfinite(distance) & (problem.amplitude[frames] > 0)
     values = np.where(known, values, 0)
     variance = np.float32((_component(problem) / unit) ** 2 + MODEL**2)
-    weights = variance / (variance + np.float32(_MISPLACED**2) * _contrast(values, known))
+    misplaced = np.float32((_MISPLACED / problem.options.upsampling) ** 2)
+    weights = variance / (variance + misplaced * _contrast(values, known))
     return values, np.where(known, weights, 0)

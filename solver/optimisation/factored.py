@@ -49,8 +49,7 @@ _PHASE, _PHASE_STEP = 0.6, 0.002
 """κ_φ, and δ_φ in metres at the usual ambiguity range of 7.5 m: it is an angle."""
 
 _USUALLY = 4
-"""β at which κ_φ is as it stands. At half of it an edge of the same length has half as many pairs, and dark
-print came loose."""
+"""β at which κ_φ is as it stands, and over which it goes: an edge of the same length has pairs as β."""
 
 _CALM = 0.0036
 """Deviation of |Z| where κ are as they stand; they go with its inverse root: half of them are best at four
@@ -230,7 +229,7 @@ class Factored:
         gain = self.strength * float(np.sqrt(_CALM / self.noise))
         logs = gain * _LOG, _LOG_STEP * blunt**_LOG_BLUNT
         phases = (
-            gain * _PHASE * max(1.0, _USUALLY / self.term.factor),
+            gain * _PHASE * _USUALLY / self.term.factor,
             _PHASE_STEP * _USUAL * blunt,
             1 / _EASE**2,
             (_TELLING * self.noise) ** 2,
