@@ -21,22 +21,21 @@ def reasons(problem: Problem, distance: NDArray[np.float32], away: NDArray[np.fl
     factor = problem.options.upsampling
     out = np.where(away > factor, np.uint8(FILLED), np.uint8(MEASURED))
     unknown = np.isnan(distance)
-    if unknown.any():
-        causes = _causes(problem)
-        out[unknown] = causes.repeat(factor, axis=0).repeat(factor, axis=1)[unknown]
+    rows, columns = np.nonzero(unknown)
+    if rows.size:
+        out[unknown] = _causes(problem, rows // factor, columns // factor)
     return out
 
 
-def _causes(problem: Problem) -> NDArray[np.uint8]:
-    """(H, W): what most samples that look at a pixel of the grid lack."""
-    used, light = problem.distance, problem.amplitude
+def _causes(problem: Problem, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> NDArray[np.uint8]:
+    """(n,): what most samples that look at each of these pixels of the grid lack."""
+    used = problem.distance
     measured = used if problem.consensus is None else problem.consensus.measured
-    if light is None:
-        light, most = np.zeros_like(used), np.inf
-    else:
-        valid = np.isfinite(measured)
-        most = float(light[valid].max()) if valid.any() else np.inf
-    votes = np.zeros((3, *used.shape[1:]), np.int32)
-    kernels.vote(used, measured, light, np.float32(most), problem.positions, votes)
-    causes = np.array([DARK, SATURATED, CONTRADICTED], np.uint8)[votes.argmax(axis=0)]
-    return np.where(votes.any(axis=0), causes, np.uint8(OUTSIDE))
+    light = np.zeros_like(used) if problem.amplitude is None else problem.amplitude
+    asked = np.zeros(used.shape[1:], np.bool_)
+    asked[rows, columns] = True
+    votes = np.zeros((3, *asked.shape), np.int32)
+    kernels.vote(used, measured, light, problem.positions, asked, votes)
+    cast = votes[:, rows, columns]
+    causes = np.array([DARK, SATURATED, CONTRADICTED], np.uint8)[cast.argmax(axis=0)]
+    return np.where(cast.any(axis=0), causes, np.uint8(OUTSIDE))

@@ -34,8 +34,8 @@ _LOST = 3.0
 radian, by |Z| itself or by the mean of Z over two pixels: noise has a length, but no direction."""
 
 _FAINT = 0.1
-"""Part of the light around, over β, that the model errs by in a fused pixel. One that has less and lies more than
-60° off is a swing below zero, so that its distance is lost too: at β = 2 dark print came loose by metres."""
+"""Part of the light around, over β, that the model errs by in a fused pixel. One that has less and lies 60°
+off is a swing below zero, and its distance is lost too: at β = 2 dark print came loose by metres."""
 
 _EDGE, _LEVEL = 0.004, 0.15
 """What is an edge: a step by so much of the ambiguity range from one neighbour of a cell to the other, beside
