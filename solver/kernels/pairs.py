@@ -43,25 +43,27 @@ def _subtract(here, there, out):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=True, error_model="numpy")
-def _shine(i, n, z, faint, lights):  # type: ignore[no-untyped-def]
-    """Row i's |Z|² / (|Z|² + faint) and |Z|^¼, in (2, 2, n + 4), a ring of two rows."""
+def _shine(i, n, z, lights):  # type: ignore[no-untyped-def]
+    """Row i's |Z|² and |Z|^¼, in (2, 2, n + 4), a ring of two rows."""
     a, b = view(z, (0, i + 2), 0, n + 4), view(z, (1, i + 2), 0, n + 4)
-    telling, root = view(lights, (i & 1, 0), 0, n + 4), view(lights, (i & 1, 1), 0, n + 4)
+    power, root = view(lights, (i & 1, 0), 0, n + 4), view(lights, (i & 1, 1), 0, n + 4)
     for j in range(n + 4):
         q = a[j] * a[j] + b[j] * b[j]
-        telling[j] = q / (q + faint)
+        power[j] = q
         root[j] = np.sqrt(np.sqrt(np.sqrt(q)))
 
 
 @njit(fastmath=True, error_model="numpy")
-def _ease(i, k, lights, loose, change, ease, out):  # type: ignore[no-untyped-def]
+def _ease(i, k, lights, loose, change, law, out):  # type: ignore[no-untyped-def]
     """out ← loose · (1 + (Δl / e)²) / |Z|^¼, the second factor less where the darker one is hardly lit."""
+    ease, faint, glare = law
     n, c, here, there = out.size, COLUMNS[k], i & 1, i + ROWS[k] & 1
     t0, r0 = view(lights, (here, 0), 2, n), view(lights, (here, 1), 2, n)
     t1, r1 = view(lights, (there, 0), 2 + c, n), view(lights, (there, 1), 2 + c, n)
     one, free = out.dtype.type(1), view(loose, (i + 2,), 2, n)
     for j in range(n):
-        eased = one + ease * change[j] * change[j] * min(t0[j], t1[j])
+        low = min(t0[j], t1[j])
+        eased = one + ease * change[j] * change[j] * low / (low + faint + glare * max(t0[j], t1[j]))
         out[j] = free[j] * eased / min(r0[j], r1[j])
 
 
@@ -112,13 +114,14 @@ def _weigh(i, rows, state, lights, loose, slope, factors, logs, phases, lines, o
     n = out.shape[3] - 4
     change, rise, eased, ones = lines
     kind, log_square, square = state.dtype.type, logs[1] * logs[1], phases[1] * phases[1]
+    law = kind(phases[2]), kind(phases[3]), kind(phases[4])
     for k in range(PAIRS):
         if i < 0 or i + ROWS[k] >= rows or factors[k] == 0:
             out[:, :, k] = 0
             continue
         _differences(i, k, state, slope, change, rise)
         double = 2 * factors[k]
-        _ease(i, k, lights, loose, change, kind(phases[2]), eased)
+        _ease(i, k, lights, loose, change, law, eased)
         for c in range(2):
             strength, flux = view(out, (c, 0, k), 2, n), view(out, (c, 1, k), 2, n)
             if c == 0:
@@ -169,8 +172,8 @@ def assemble(  # type: ignore[no-untyped-def]
     Args:
         z: the state's phasors; slope: (2, rows + 4, columns + 4), φ's rise by row and by column.
         loose: (rows + 4, columns + 4), what the penalties of φ are divided by besides.
-        factors: (4,) of the pairs; logs, phases: (κ, δ) of l and (κ, δ, 1 / e², faint) of φ, faint being the
-            |Z|² of the darker pixel at which the easing is halved.
+        factors: (4,) of the pairs; logs, phases: (κ, δ) of l and (κ, δ, 1 / e², faint, glare) of φ: the |Z|² of
+            the darker pixel at which the easing is halved is faint and so much of the brighter one's.
         pull: the data term's gradient at Z; bend: (rows + 4, columns + 4), its operator's diagonal over
             `factor`.
         v, w: (4, rows + 4, columns + 4) ←; right, inverse: (2, rows + 4, columns + 4) ← .
@@ -178,11 +181,11 @@ def assemble(  # type: ignore[no-untyped-def]
     rows, n, kind = state.shape[1] - 4, state.shape[2] - 4, state.dtype
     lines = np.empty(n, kind), np.empty(n, kind), np.empty(n, kind), np.ones(n, kind)
     both, lights = np.zeros((2, 2, 2, PAIRS, n + 4), kind), np.zeros((2, 2, n + 4), kind)
-    top, end, faint = rank * rows // size, (rank + 1) * rows // size, state.dtype.type(phases[3])
-    _shine(top - 1, n, z, faint, lights)
+    top, end = rank * rows // size, (rank + 1) * rows // size
+    _shine(top - 1, n, z, lights)
     for row in range(top - 1, end):
         own, last = both[row & 1], both[1 - row & 1]
-        _shine(row + 1, n, z, faint, lights)
+        _shine(row + 1, n, z, lights)
         _weigh(row, rows, state, lights, loose, slope, factors, logs, phases, lines, own)
         if row < top:
             continue
@@ -238,21 +241,22 @@ def cost(rank, size, state, z, loose, slope, factors, logs, phases, sums):  # ty
         slope: (2, rows + 4, columns + 4), radians per pixel.
         factors: (4,), of the pairs.
         logs: (κ, δ) of l.
-        phases: (κ, δ, 1 / e², faint) of φ, as in `assemble`.
+        phases: (κ, δ, 1 / e², faint, glare) of φ, as in `assemble`.
         sums: (rows,), in float64.
     """
     rows, n, kind = state.shape[1] - 4, state.shape[2] - 4, state.dtype.type
     change, rise, out = np.empty(n, state.dtype), np.empty(n, state.dtype), np.empty(n, state.dtype)
-    lights, top, faint = np.zeros((2, 2, n + 4), state.dtype), rank * rows // size, kind(phases[3])
-    _shine(top, n, z, faint, lights)
+    lights, top = np.zeros((2, 2, n + 4), state.dtype), rank * rows // size
+    law = kind(phases[2]), kind(phases[3]), kind(phases[4])
+    _shine(top, n, z, lights)
     for i in range(top, (rank + 1) * rows // size):
-        _shine(i + 1, n, z, faint, lights)
+        _shine(i + 1, n, z, lights)
         sums[i] = 0.0
         for k in range(PAIRS):
             if i + ROWS[k] < rows:
                 _differences(i, k, state, slope, change, rise)
                 _costs(rise, kind(phases[1] * phases[1]), out)
-                _ease(i, k, lights, loose, change, kind(phases[2]), rise)
+                _ease(i, k, lights, loose, change, law, rise)
                 out /= rise
                 _end(COLUMNS[k], out)
                 sums[i] += factors[k] * phases[0] * float(out.sum())

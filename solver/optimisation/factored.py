@@ -36,7 +36,7 @@ from solver.runtime import team
 
 Image = NDArray[np.floating]
 
-MODEL = 0.002
+MODEL = 0.001
 """What the model errs by, in units of the RMS amplitude: it bounds s where there is hardly any noise."""
 
 _SHARP = 12.0
@@ -64,7 +64,9 @@ _EDGE, _EDGE_BLUNT = 0.001 * _USUAL, 0.9
 has no say in the tilt; times this power of the bluntness. Counted from the tilt, not from level, so that a
 steep floor has its say and the rim of a stair, smeared over some pixels, has none."""
 
-_REACH = 2.0
+_REACH_POWER = 0.35
+_REACH_LIGHT = 1.0
+_REACH = 1.6
 """Low-resolution pixels over which the slope is averaged, at the noise `_CALM`, times the fourth root of the
 noise: a mean over h errs by h² where the scene is curved, and by σ / h² of its noise."""
 
@@ -91,6 +93,9 @@ _NOUGHT = 0.5
 _TELLING = 20.0
 """Deviations that |Z| should have to tell a distance of its own, for amplitude steps to ease the penalty;
 with 8, the rims of things before nothing, lit by half, and dots of a thirtieth of the light go astray."""
+
+_GLARE = 0.06
+"""Part of the brighter pixel's |Z| that the darker one's should be besides: the rest is what the model errs by."""
 
 _MOST = np.array([0.7, 0.3])
 """By how much l and φ may move in one step: the linearisation holds for less than 1."""
@@ -181,12 +186,16 @@ class Factored:
         self._ease = np.ones([n // self.term.factor for n in self.term.shape[1:]], np.float32)
         self._square, self._lit = np.ones(shape[1:], np.float32), np.ones(shape[1:], np.float32)
         self._power = np.zeros(shape[1:], np.float32)
-        self._reach = _REACH * self.term.factor * float(np.sqrt(np.sqrt(self.noise / _CALM)))
+        self._reach = _REACH * self.term.factor * float((self.noise / self._usual(length) / _CALM) ** _REACH_POWER)
         self._move(self._work[0])
 
     @property
     def _least(self) -> float:
         return min(_FAINTEST, _NOUGHT * self.noise)
+
+    def _usual(self, light: Image) -> float:
+        lit = light[light > _VOTING * self.noise]
+        return float(np.median(lit)) ** _REACH_LIGHT if lit.size else 1.0
 
     def descend(self, step: Step, limit: int) -> int:
         """One step of Gauss–Newton; returns its rounds of conjugate gradients, at most `limit`."""
@@ -233,6 +242,7 @@ class Factored:
             _PHASE_STEP * _USUAL * blunt,
             1 / _EASE**2,
             (_TELLING * self.noise) ** 2,
+            _GLARE**2,
         )
         return np.array(factors), logs, phases
 
