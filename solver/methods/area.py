@@ -32,10 +32,11 @@ the relief (see `solver.preparation.noise`), in place of which the scene's range
 objects. The noise in a sum over N frames grows with √N: with a λ that does not, many frames are smoothed too
 little where it is dim, and few frames too much."""
 
-_MIXING = 0.005
-"""Of the scene's range, where an ambiguity range says that samples average phasors: what the average of
-distances errs by. It counts as noise that no number of frames lowers: √N times as much of each sample.
-Without it less noise makes thin things worse, and without √N more frames a dark floor."""
+_MIXING, _HIGH = 0.01, 0.5
+"""Of a step, where an ambiguity range says that samples average phasors: what the average of distances errs
+by; and of the scene's range, the highest step, as noise may look like one. It counts as noise that no number
+of frames lowers: √N times as much of each sample. Without it less noise makes thin things worse, and without
+√N more frames a dark floor; with the range in place of the step, clean stairs are smoothed far too much."""
 
 _SMOOTH = 0.01
 """Of the scene's range, the least relief: a scene without edges is not smoothed without bounds."""
@@ -156,12 +157,14 @@ def _strength(problem: Problem, used: NDArray[np.bool_]) -> float:
         return float(problem.options.regularization)
     extent = problem.spread
     noise = problem.usual_deviation * float(np.cbrt(len(problem.distance) / _FRAMES))
+    mean_step, height = relief(problem.distance, problem.sigma)
     if problem.ambiguity_range is not None:
-        noise = float(np.hypot(noise, _MIXING * np.sqrt(len(problem.distance)) * extent))
+        mixed = _MIXING * min(height, _HIGH * extent)
+        noise = float(np.hypot(noise, mixed * np.sqrt(len(problem.distance))))
     scale = max(float(np.abs(problem.distance[used]).max()), float(np.finfo(np.float32).tiny))
     if extent <= 1e-6 * scale:
         return max(noise, 1e-6 * scale)
-    steps = max(relief(problem.distance, problem.sigma), _SMOOTH * extent)
+    steps = max(mean_step, _SMOOTH * extent)
     return float(np.hypot(noise * np.sqrt(noise / (_NOISE * steps)), _CLEAN * extent))
 
 
