@@ -25,11 +25,12 @@ from solver.preparation.noise import relief
 from solver.preparation.problem import Problem, Solution
 from solver.result import Progress
 
-_NOISE, _FRAMES, _CLEAN = 15.0, 15, 0.0006
-"""λ = √(N / 15) σ √(σ / (15 · relief)), and at least 0.0006 of the scene's range for noise-free frames. The
-power 3/2 is set by trial; it lies between the σ of a discrepancy rule and the σ² of a Laplacian prior. So is
-the relief (see `solver.preparation.noise`), in place of which the scene's range is worse for detailed
-objects. The noise in a sum over N frames grows with √N: with a λ that does not, many frames are smoothed too
+_NOISE, _FRAMES, _FACTOR, _CLEAN = 15.0, 15, 4, 0.0006
+"""λ = √(N / 15) σ √(σ / (15 · relief)), and at least 0.0006 of the scene's range for noise-free frames, times
+√(4 / β). The power 3/2 is set by trial; it lies between the σ of a discrepancy rule and the σ² of a Laplacian
+prior. So is the relief (see `solver.preparation.noise`), in place of which the scene's range is worse for
+detailed objects, and the root of β: that fewer samples fall on a finer pixel asks for 1 / β, fine relief for
+none. The noise in a sum over N frames grows with √N: with a λ that does not, many frames are smoothed too
 little where it is dim, and few frames too much."""
 
 _MIXING, _HIGH = 0.01, 0.5
@@ -165,7 +166,8 @@ def _strength(problem: Problem, used: NDArray[np.bool_]) -> float:
     if extent <= 1e-6 * scale:
         return max(noise, 1e-6 * scale)
     steps = max(mean_step, _SMOOTH * extent)
-    return float(np.hypot(noise * np.sqrt(noise / (_NOISE * steps)), _CLEAN * extent))
+    finer = np.sqrt(_FACTOR / problem.options.upsampling)
+    return float(finer * np.hypot(noise * np.sqrt(noise / (_NOISE * steps)), _CLEAN * extent))
 
 
 def _weights(
