@@ -70,9 +70,10 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
 
 
 def _weights(problem: Problem) -> NDArray[np.float32]:
-    """(N, H, W), 1 or less; 0 = not used."""
-    usual = np.float32(problem.usual_deviation)
-    return np.where(np.isfinite(problem.distance), usual / np.maximum(problem.sigma, usual), np.float32(0))
+    """(N, H, W), 1 or less; 0 = not used. Samples that all lack light count alike."""
+    used, usual = np.isfinite(problem.distance), np.float32(problem.usual_deviation)
+    weights = np.where(used, usual / np.maximum(problem.sigma, usual), np.float32(0))
+    return weights if weights.any() else used.astype(np.float32)
 
 
 def _strength(problem: Problem) -> float:

@@ -54,3 +54,10 @@ def test_lambda_that_suits_what_is_lit_suits_what_is_dim(upsampling: int) -> Non
 
     automatic, used = error("auto")
     assert automatic < 1.15 * min(error(factor * used)[0] for factor in (0.25, 0.5, 2.0, 4.0))
+
+
+def test_samples_that_all_lack_light_count_alike() -> None:
+    distance = (2 + NOISE * np.random.default_rng(0).normal(size=(5, 16, 16))).astype(np.float32)
+    options = FusionOptions(method="lidarboost", amplitude_threshold=0.0)
+    found = fuse(distance, np.zeros_like(distance), shifts=np.zeros((5, 2)), options=options, noise=NOISE)
+    assert np.abs(found.distance - 2).max() < 5 * NOISE
