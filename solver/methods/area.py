@@ -25,17 +25,19 @@ from solver.preparation.noise import relief
 from solver.preparation.problem import Problem, Solution
 from solver.result import Progress
 
-_NOISE, _FRAMES, _CLEAN = 15.0, 15, 0.0006
-"""λ = √(N / 15) σ √(σ / (15 · relief)), and at least 0.0006 of the scene's range for noise-free frames. The
-power 3/2 is set by trial; it lies between the σ of a discrepancy rule and the σ² of a Laplacian prior. So is
-the relief (see `solver.preparation.noise`), in place of which the scene's range is worse for detailed
-objects. The noise in a sum over N frames grows with √N: with a λ that does not, many frames are smoothed too
+_NOISE, _FRAMES, _FACTOR, _CLEAN = 15.0, 15, 4, 0.0006
+"""λ = √(N / 15) σ √(σ / (15 · relief)), and at least 0.0006 of the scene's range for noise-free frames, times
+√(4 / β). The power 3/2 is set by trial; it lies between the σ of a discrepancy rule and the σ² of a Laplacian
+prior. So is the relief (see `solver.preparation.noise`), in place of which the scene's range is worse for
+detailed objects, and the root of β: that fewer samples fall on a finer pixel asks for 1 / β, fine relief for
+none. The noise in a sum over N frames grows with √N: with a λ that does not, many frames are smoothed too
 little where it is dim, and few frames too much."""
 
-_MIXING = 0.005
-"""Of the scene's range, where an ambiguity range says that samples average phasors: what the average of
-distances errs by. It counts as noise that no number of frames lowers: √N times as much of each sample.
-Without it less noise makes thin things worse, and without √N more frames a dark floor."""
+_MIXING, _HIGH = 0.01, 0.5
+"""Of a step, where an ambiguity range says that samples average phasors: what the average of distances errs
+by; and of the scene's range, the highest step, as noise may look like one. It counts as noise that no number
+of frames lowers: √N times as much of each sample. Without it less noise makes thin things worse, and without
+√N more frames a dark floor; with the range in place of the step, clean stairs are smoothed far too much."""
 
 _SMOOTH = 0.01
 """Of the scene's range, the least relief: a scene without edges is not smoothed without bounds."""
@@ -156,13 +158,16 @@ def _strength(problem: Problem, used: NDArray[np.bool_]) -> float:
         return float(problem.options.regularization)
     extent = problem.spread
     noise = problem.usual_deviation * float(np.cbrt(len(problem.distance) / _FRAMES))
+    mean_step, height = relief(problem.distance, problem.sigma)
     if problem.ambiguity_range is not None:
-        noise = float(np.hypot(noise, _MIXING * np.sqrt(len(problem.distance)) * extent))
+        mixed = _MIXING * min(height, _HIGH * extent)
+        noise = float(np.hypot(noise, mixed * np.sqrt(len(problem.distance))))
     scale = max(float(np.abs(problem.distance[used]).max()), float(np.finfo(np.float32).tiny))
     if extent <= 1e-6 * scale:
         return max(noise, 1e-6 * scale)
-    steps = max(relief(problem.distance, problem.sigma), _SMOOTH * extent)
-    return float(np.hypot(noise * np.sqrt(noise / (_NOISE * steps)), _CLEAN * extent))
+    steps = max(mean_step, _SMOOTH * extent)
+    finer = np.sqrt(_FACTOR / problem.options.upsampling)
+    return float(finer * np.hypot(noise * np.sqrt(noise / (_NOISE * steps)), _CLEAN * extent))
 
 
 def _weights(

@@ -82,9 +82,14 @@ def spread(distance: NDArray[np.float32]) -> float:
     return _quantile(ranked, 0.98) - _quantile(ranked, 0.02)
 
 
-def relief(distance: NDArray[np.float32], sigma: NDArray[np.float32]) -> float:
-    """The mean step between neighbouring pixels, counting those that stand out of their noise."""
-    return float(kernels.standing(distance, sigma, _picked(len(distance)), _STANDS).mean())
+def relief(distance: NDArray[np.float32], sigma: NDArray[np.float32]) -> tuple[float, float]:
+    """The mean of all steps between neighbouring pixels, and the usual height of one.
+
+    Steps that do not stand out of their noise count as none; the others count by their height.
+    """
+    total, squares, count = kernels.standing(distance, sigma, _picked(len(distance)), _STANDS).T
+    height = float(squares.sum() / total.sum()) if total.any() else 0.0
+    return float((total / np.maximum(count, 1)).mean()), height
 
 
 def _picked(count: int) -> NDArray[np.int64]:

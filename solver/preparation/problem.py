@@ -117,7 +117,7 @@ class Solution:
         distance: (βH, βW) float32, NaN = not known to the method.
         amplitude: (βH, βW) float32, or None.
         information: (βH, βW), the inverse variance of each distance, where the method knows it.
-        relative: λ in units of one sample's deviation, or of √(N / 15) of them, where the prior is convex.
+        relative: λ in units of one sample's deviation, or of √N / β of them, where the prior is convex.
         trail, course: for a warm start of the same method on about the same data.
         regularization, iterations, objective, gap, converged: as in `Report`.
     """

@@ -64,6 +64,8 @@ def test_a_window_whose_frames_are_exchanged_gives_what_fuse_gives(method: str) 
     options = FusionOptions(method=method)  # type: ignore[arg-type]
     # With a range `area` takes them for mixed phasors, and learns from each window how these mix.
     known = {} if method == "area" else {"ambiguity_range": 7.5}
+    if method == "lidarboost":  # whose objective goes by λ, and that by what each window tells of the noise
+        known["noise"] = 5.0
     sliding = SlidingFusion(options, window=10, **known)
     for number, shift in enumerate(shifts):
         streamed = sliding.push(distance[number], amplitude[number], shift=shift)
