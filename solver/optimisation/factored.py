@@ -73,9 +73,6 @@ noise: a mean over h errs by h² where the scene is curved, and by σ / h² of i
 _AGREED = 0.5
 """How far from a slope that a pixel takes its own rise may be, in units of an edge."""
 
-_FOLDED = 10.0
-"""Bluntness above which a step takes no heed of folds, which makes no difference."""
-
 _STIFF = 2.0
 """What the data add to the preconditioner's diagonal, in units of their own: their operator blurs, so smooth
 moves, which matter most, meet up to sixteen times that at β = 4. 125 rounds get as far as 156 with 1."""
@@ -224,10 +221,8 @@ class Factored:
 
     def _find_tilt(self, blunt: float) -> Image:
         """(1, 2, rows + 4, columns + 4): what the surroundings foretell of φ's rise by row and by column."""
-        edge, image = _EDGE * blunt**_EDGE_BLUNT, self.state[1:]
+        edge, image = _EDGE * _USUALLY / self.term.factor * blunt**_EDGE_BLUNT, self.state[1:]
         means = slope(image, edge, self._reach, before=self._tilt, measure=self._square, weight=self._lit)
-        if blunt > _FOLDED:
-            return means * self._square
         side = 2 * round(self._reach) + 1
         light = np.asarray(cv2.blur(self._power, (side, side)), np.float32)
         noise = (self.noise * self.term.factor) ** 2
