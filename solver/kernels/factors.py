@@ -89,40 +89,39 @@ def _curve(tilt, measure, i, here, sides, square):  # type: ignore[no-untyped-de
 
 
 @njit(fastmath=True, error_model="numpy")
-def _inform(z, i, bend, held, weight, law, square, out):  # type: ignore[no-untyped-def]
+def _inform(z, i, bend, loose, weight, law, square, out):  # type: ignore[no-untyped-def]
     n, kind = out.size, out.dtype.type
     a, b, m = view(z, (0, i), 2, n), view(z, (1, i), 2, n), view(bend, (i,), 2, n)
-    back = view(held, (i,), 2, n)
-    averaged, power, told, left, least = law
+    free = view(loose, (i,), 2, n)
+    averaged, power, told, least = law
     one, tiny, unknown = kind(1), kind(1e-30), kind(np.pi**2 / 3)
     for j in range(n):
-        own = weight * m[j] * (a[j] * a[j] + b[j] * b[j]) + tiny
-        noise = averaged / own
+        noise = averaged / (weight * m[j] * (a[j] * a[j] + b[j] * b[j]) + tiny)
         hidden, seen = power * noise, square[j] + tiny
-        lost = noise + back[j] / own + told * min(seen, hidden * hidden / seen) + left * seen + least
+        lost = (noise + told * min(seen, hidden * hidden / seen)) * free[j] * free[j] + least
         out[j] = one / min(lost, unknown)
 
 
 @njit(nogil=True, cache=True)
-def informed(rank, size, z, bend, held, weight, tilt, measure, away, scale, law, out):  # type: ignore[no-untyped-def]
+def informed(rank, size, z, bend, loose, weight, tilt, measure, away, scale, law, out):  # type: ignore[no-untyped-def]
     """out (rows, columns) ← the inverse variance of φ, the bias counted in; by a team.
 
-    Data of density d, averaged over a support of n pixels, leave 1 / (n d), and what they do not tell from
-    noise may be held back, in units of 1 / d. Second differences of the tilt that exceed their noise have
-    been followed, all but a part; what does not is lost in it: of a power x with noise of power y in it a
-    filter that passes 1 − y / x of it leaves y² / x, or x where all is noise. What nothing is known of may be
-    any angle, of variance π² / 3.
+    Data of density d, averaged over a support of n pixels, leave 1 / (n d). Second differences of the tilt
+    that exceed their noise have been followed; what does not is lost in it: of a power x with noise of power
+    y in it a filter that passes 1 − y / x of it leaves y² / x, or x where all is noise. Where a prior had to
+    give way there is more noise, and more is hidden. What nothing is known of may be any angle, of variance
+    π² / 3.
 
     Args:
         z: (2, rows + 4, columns + 4), the phasors.
         bend: (rows + 4, columns + 4), padded by 2, what data say of a constant φ at |Z| = 1, over `weight`.
-        held: (rows + 4, columns + 4), padded by 2, what may be held back.
+        loose: (rows + 4, columns + 4), padded by 2, by how much the prior has given way.
         weight: a number.
         tilt: (2, rows + 4, columns + 4), radians per pixel.
         measure: (rows + 4, columns + 4), in which tilts of one surface are the same.
         away: pixels to where the tilt is compared.
         scale: pixels², of which times the squared second differences of the tilt x is.
-        law: (1 / n, y in units of 1 / (n d), parts of what is left and of x that count, the least variance).
+        law: (1 / n, y in units of 1 / (n d), part of what is lost that counts, the least variance).
         out: (rows, columns), 1 / radian².
     """
     rows, n = out.shape
@@ -132,4 +131,4 @@ def informed(rank, size, z, bend, held, weight, tilt, measure, away, scale, law,
         square[:] = 0
         _curve(tilt, measure, row + 2, view(measure, (row + 2,), 2, n), (away, ends, (line, other)), square)
         square *= scale
-        _inform(z, row + 2, bend, held, weight, law, square, out[row])
+        _inform(z, row + 2, bend, loose, weight, law, square, out[row])

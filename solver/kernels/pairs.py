@@ -172,8 +172,8 @@ def assemble(  # type: ignore[no-untyped-def]
     Args:
         z: the state's phasors; slope: (2, rows + 4, columns + 4), φ's rise by row and by column.
         loose: (rows + 4, columns + 4), what the penalties of φ are divided by besides.
-        factors: (4,) of the pairs; logs, phases: (κ, δ) of l and (κ, δ, 1 / e², faint, glare) of φ: the |Z|² of
-            the darker pixel at which the easing is halved is faint and so much of the brighter one's.
+        factors: (4,) of the pairs; logs, phases: (κ, δ) of l and (κ, δ, 1 / e², faint, glare) of φ: the
+            easing is halved where the darker pixel's |Z|² is faint + glare · that of the brighter one.
         pull: the data term's gradient at Z; bend: (rows + 4, columns + 4), its operator's diagonal over
             `factor`.
         v, w: (4, rows + 4, columns + 4) ←; right, inverse: (2, rows + 4, columns + 4) ← .

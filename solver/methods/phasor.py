@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from solver.errors import FusionInputError
 from solver.kernels import mixing
 from solver.kernels import resolution as phasors
-from solver.optimisation.factored import MODEL, SCHEDULE, Factored, Step
+from solver.optimisation.factored import MODEL, Factored
 from solver.optimisation.footprint import AreaTerm
 from solver.optimisation.padding import cropped
+from solver.optimisation.schedule import SCHEDULE, Step
 from solver.preparation.problem import Problem, Solution
 from solver.preparation.wrapping import nearest
 from solver.result import Progress

@@ -25,9 +25,6 @@ _AGREES = 0.75
 """Discrepancy, in units of noise that nothing is fitted to, at which map and samples agree; a smooth surface
 has 0.5 to 0.9."""
 
-_AROUND = 7
-"""Low-resolution pixels to a side all over which a prior gives way where something is held back."""
-
 _FREEST = 20.0
 """By how much a prior gives way at most: where samples contradict each other no map agrees with them, and one
 that is free swings."""
@@ -49,16 +46,6 @@ def eased(ease: Image, z: Image, pull: Image, bend: Image, weight: np.floating, 
     squares, expected = (cv2.blur(part, (_WINDOW, _WINDOW)) for part in sums)
     ratio = squares / (expected + np.float32(1e-12))
     out: Image = np.clip(ease * ratio * np.float32(1 / _AGREES), 1, _FREEST)
-    return out
-
-
-def held_back(ease: Image) -> Image:
-    """Part of what noise hides that a prior may hold back, of the same shape: 1 − 1 / the least ease around.
-
-    In noise alone it gives way here and there, and nothing is held back.
-    """
-    around = np.ones((_AROUND, _AROUND), np.uint8)
-    out: Image = 1 - 1 / cv2.erode(ease, around)
     return out
 
 

@@ -27,9 +27,10 @@ from numpy.typing import NDArray
 from solver.kernels import factors as kernels
 from solver.kernels import newton, pairs
 from solver.kernels.group import PAD
-from solver.optimisation.discrepancy import eased, held_back, spread
+from solver.optimisation.discrepancy import eased, spread
 from solver.optimisation.footprint import AreaTerm
 from solver.optimisation.padding import padded
+from solver.optimisation.schedule import Step
 from solver.optimisation.slope import agreed, apart, curvature_noise, slope
 from solver.options import NEIGHBOURHOOD, Offset
 from solver.runtime import team
@@ -38,9 +39,6 @@ Image = NDArray[np.floating]
 
 MODEL = 0.001
 """What the model errs by, in units of the RMS amplitude: it bounds s where there is hardly any noise."""
-
-_SHARP = 12.0
-"""Bluntness under which the prior gives way where the samples contradict it; before, noise is followed."""
 
 _LOG, _LOG_STEP, _LOG_BLUNT = 0.3, 0.035, 0.5
 """κ_l and δ_l, and the power of the bluntness that δ_l is widened by."""
@@ -64,11 +62,10 @@ _EDGE, _EDGE_BLUNT = 0.001 * _USUAL, 0.9
 has no say in the tilt; times this power of the bluntness. Counted from the tilt, not from level, so that a
 steep floor has its say and the rim of a stair, smeared over some pixels, has none."""
 
-_REACH_POWER = 0.35
-_REACH_LIGHT = 1.0
-_REACH = 1.6
-"""Low-resolution pixels over which the slope is averaged, at the noise `_CALM`, times the fourth root of the
-noise: a mean over h errs by h² where the scene is curved, and by σ / h² of its noise."""
+_REACH, _REACHING = 1.6, 0.35
+"""Low-resolution pixels over which the slope is averaged where the noise is `_CALM` of the usual light, and
+the power of the noise that it goes by: a mean over h errs by h² where the scene is curved, and by σ / h² of
+its noise. Half of either finds finer relief and leaves more noise on dim walls."""
 
 _AGREED = 0.5
 """How far from a slope that a pixel takes its own rise may be, in units of an edge."""
@@ -92,46 +89,22 @@ _TELLING = 20.0
 with 8, the rims of things before nothing, lit by half, and dots of a thirtieth of the light go astray."""
 
 _GLARE = 0.06
-"""Part of the brighter pixel's |Z| that the darker one's should be besides: the rest is what the model errs by."""
+"""Part of the brighter pixel's |Z| that the darker one's should be as well: the model errs by a part of it.
+Without, dark print comes loose where there are many frames."""
 
 _MOST = np.array([0.7, 0.3])
 """By how much l and φ may move in one step: the linearisation holds for less than 1."""
 
 
-_HIDDEN, _LEFT = 0.85, 0.1
-"""Deviations of what the tilt does not show and of what it does, in units of the second differences that it
-hides and shows times the reach: relief that the map smooths away."""
-
-_HELD = 1.5
-"""Variance of what may be held back where the prior gives way all around, in units of that of a
-low-resolution pixel's samples together: it gives way no further than noise tells."""
+_SUPPORT, _HIDDEN = 40.0, 0.76
+"""Samples that a deviation stands for, in units of the reach squared, and the deviation of relief that the
+map smooths away, in units of the second differences that the tilt hides times the reach."""
 
 _ERRED = 0.0001 * _USUAL
 """What φ errs by however many samples there are."""
 
 _DOUBT, _ERRING = 5.0, 0.1
 """Deviations and RMS amplitudes that a sample may differ from the map that has its edges."""
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """One step: factor on δ, rounds of conjugate gradients, and whether the prior is eased anew before."""
-
-    blunt: float
-    rounds: int
-    eases: bool = False
-
-
-def schedule(falling: int, staying: int) -> tuple[Step, ...]:
-    """From 200 times δ, 0.4 m, down to twice δ in so many falling steps, so many there, and one at δ."""
-    blunts = [*(2 * 100 ** (1 - number / falling) for number in range(falling)), *[2.0] * staying, 1.0]
-    return tuple(Step(blunt, 11 if blunt > 2 else 12, blunt < _SHARP) for blunt in blunts)
-
-
-SCHEDULE = schedule(7, 3)
-"""Steps count for more than rounds: in each of them the tilt carries what one window knows to the next, which
-dim surfaces need. Without the sharper last step surfaces keep noise that δ takes for relief; with two of them
-steps of a few centimetres are sharper and curved walls are bent."""
 
 
 @dataclass(slots=True)
@@ -183,16 +156,17 @@ class Factored:
         self._ease = np.ones([n // self.term.factor for n in self.term.shape[1:]], np.float32)
         self._square, self._lit = np.ones(shape[1:], np.float32), np.ones(shape[1:], np.float32)
         self._power = np.zeros(shape[1:], np.float32)
-        self._reach = _REACH * self.term.factor * float((self.noise / self._usual(length) / _CALM) ** _REACH_POWER)
+        self._reach = self.term.factor * _REACH * (self._doubt(length) / _CALM) ** _REACHING
         self._move(self._work[0])
 
     @property
     def _least(self) -> float:
         return min(_FAINTEST, _NOUGHT * self.noise)
 
-    def _usual(self, light: Image) -> float:
+    def _doubt(self, light: Image) -> float:
+        """The noise in units of the usual light, where there is any: a few bright things raise the RMS."""
         lit = light[light > _VOTING * self.noise]
-        return float(np.median(lit)) ** _REACH_LIGHT if lit.size else 1.0
+        return self.noise / float(np.median(lit)) if lit.size else self.noise
 
     def descend(self, step: Step, limit: int) -> int:
         """One step of Gauss–Newton; returns its rounds of conjugate gradients, at most `limit`."""
@@ -259,17 +233,14 @@ class Factored:
         return 0.5 * self.weight * self.term.value(self.z) + float(sums.sum())
 
     def information(self) -> Image:
-        """(rows, columns): inverse variance of φ by data, what these hide, and what is held back."""
+        """(rows, columns): inverse variance of φ by data, what these hide, and how far the prior gave way."""
         out, single = np.empty(self.term.shape[1:], np.float32), np.float32
         assert self._tilt is not None
         variance = max(1 / self.weight - MODEL**2, 1e-6 * MODEL**2)
-        # Five windows that half overlap.
-        support = 8 * np.pi * self._reach**2
+        support = _SUPPORT * self._reach**2
         power = support * self._reach**2 * curvature_noise(self._reach)
-        law = single(1 / support), single(power), single(_HIDDEN**2), single(_LEFT**2), single(_ERRED**2)
-        held = np.zeros(self.z.shape[1:], np.float32)
-        spread(held_back(self._ease) * np.float32(_HELD / self.term.factor**2), held)
-        data = self.z, self.term.curvature, held, single(1 / variance)
+        law = single(1 / support), single(power), single(_HIDDEN**2), single(_ERRED**2)
+        data = self.z, self.term.curvature, self._loose, single(1 / variance)
         curves = self._tilt[0], self._square, apart(self._reach), single(self._reach**2)
         team.share(kernels.informed, *data, *curves, law, out)
         return out

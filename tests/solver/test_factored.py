@@ -9,8 +9,9 @@ from solver import Fused, FusionOptions, fuse
 from solver.geometry.positions import sample_positions
 from solver.methods.phasor import _run
 from solver.optimisation.discrepancy import eased
-from solver.optimisation.factored import SCHEDULE, Factored, Step
+from solver.optimisation.factored import Factored
 from solver.optimisation.footprint import AreaTerm
+from solver.optimisation.schedule import SCHEDULE, Step
 from solver.options import Footprint
 
 RANGE, RAYS, MARGIN = 7.5, 8, 3
