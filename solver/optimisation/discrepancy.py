@@ -21,7 +21,7 @@ _WINDOW = 5
 """Low-resolution pixels to a side over which squares are averaged: of fewer the mean is uncertain, and over
 more a rough thing frees what is beside it."""
 
-_AGREES = 0.75
+_AGREES = 0.7
 """Discrepancy, in units of noise that nothing is fitted to, at which map and samples agree; a smooth surface
 has 0.5 to 0.9."""
 

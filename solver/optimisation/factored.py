@@ -96,7 +96,7 @@ _MOST = np.array([0.7, 0.3])
 """By how much l and φ may move in one step: the linearisation holds for less than 1."""
 
 
-_SUPPORT, _HIDDEN = 40.0, 0.76
+_SUPPORT, _HIDDEN = 50.0, 0.68
 """Samples that a deviation stands for, in units of the reach squared, and the deviation of relief that the
 map smooths away, in units of the second differences that the tilt hides times the reach."""
 
