@@ -59,10 +59,10 @@ def _alone(distance, amplitude, i, j, turn, edge):  # type: ignore[no-untyped-de
         if not (0 <= i + r < rows and 0 <= j + c < columns):
             return np.nan
         way = _apart(distance[i, j], distance[i + r, j + c], turn)
+        if not abs(way) > edge:
+            return np.nan
         low, high, most = min(low, way), max(high, way), max(most, amplitude[i + r, j + c])
-    if high - low < edge < min(abs(low), abs(high)) and amplitude[i, j] < most:
-        return 0.5 * (low + high)
-    return np.nan
+    return 0.5 * (low + high) if high - low < edge and amplitude[i, j] < most else np.nan
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -84,10 +84,11 @@ def settle(rank, size, distance, amplitude, turn, cut, edge, level, law, out):  
     for i in range(rank * rows // size, (rank + 1) * rows // size):
         for j in range(columns):
             out[i, j], most = distance[i, j], edge
-            way = _alone(distance, amplitude, i, j, turn, edge)
-            if way == way:
-                out[i, j] = _within(distance[i, j] + way, turn, cut)
-                continue
+            if j > 0 and abs(_apart(distance[i, j - 1], distance[i, j], turn)) > edge:
+                way = _alone(distance, amplitude, i, j, turn, edge)
+                if way == way:
+                    out[i, j] = _within(distance[i, j] + way, turn, cut)
+                    continue
             for r, c in ((0, 1), (1, 0)):
                 if i < 2 * r or i + 2 * r >= rows or j < 2 * c or j + 2 * c >= columns:
                     continue
