@@ -42,7 +42,7 @@ def _second_difference(image, i, j, corner, side, centre):  # type: ignore[no-un
 
 @njit(cache=True, error_model="numpy")
 def mixed_differences(distance, inverse, ambiguity):  # type: ignore[no-untyped-def]
-    """The finite |mixed second differences| of frames (N, H, W), each over its deviation for σ² = inverse.
+    """The finite |mixed second differences| of frames (N, H, W) over their deviations (σ² = inverse); these.
 
     Args:
         inverse: 1 / amplitude² like distance, or (0, H, W): every deviation is then that for σ = 1. Where it
@@ -50,7 +50,8 @@ def mixed_differences(distance, inverse, ambiguity):  # type: ignore[no-untyped-
         ambiguity: the ambiguity range, whole ones of which are taken off; 0 = none.
     """
     frames, rows, columns = distance.shape
-    out = np.empty(frames * max(0, rows - 2) * max(0, columns - 2), np.float32)
+    ratios = np.empty(frames * max(0, rows - 2) * max(0, columns - 2), np.float32)
+    scales = np.empty_like(ratios)
     one, two, four, six = np.float32(1), np.float32(2), np.float32(4), np.float32(6)
     count = 0
     for k in range(frames):
@@ -64,9 +65,9 @@ def mixed_differences(distance, inverse, ambiguity):  # type: ignore[no-untyped-
                     scale = np.sqrt(_second_difference(inverse[k], i, j, one, four, four * four))
                 ratio = np.float32(abs(value) / scale)
                 if np.isfinite(ratio) and np.isfinite(scale):
-                    out[count] = ratio
+                    ratios[count], scales[count] = ratio, scale
                     count += 1
-    return out[:count]
+    return ratios[:count], scales[:count]
 
 
 @njit(fastmath={"contract", "reassoc", "nsz"})

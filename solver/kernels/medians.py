@@ -5,34 +5,39 @@ from numba import njit
 
 
 @njit(nogil=True, cache=True)
-def align(rank, size, distance, sigma, most, positions, planes):  # type: ignore[no-untyped-def]
-    """planes (N, H, W) ← the samples (N, H, W) by the pixel of the grid that they fall on, else NaN.
+def align(rank, size, distance, sigma, most, positions, beyond, planes):  # type: ignore[no-untyped-def]
+    """planes (N, H + 2b, W + 2b) ← the samples (N, H, W) by the pixel that they fall on, NaN where none do.
 
-    Samples that deviate by more than `most` have no vote. Of two of a frame on one pixel the later counts.
-    By a team, as all kernels here.
+    Samples that are not valid or deviate by more than `most` have no vote: ∞. Of two of a frame on one pixel
+    the later counts. By a team, as all kernels here.
 
     Args:
         distance: (N, H, W), any unit.
         sigma: (N, H, W), deviations in distance's unit.
         most: deviation.
         positions: (N, H, W, 2), pixels of frame 0.
-        planes: (N, H, W), in distance's unit ←.
+        beyond: b, pixels that the grid is continued by on every side.
+        planes: in distance's unit ←.
     """
     frames, rows, columns = distance.shape
+    height, width, middle = planes.shape[1], planes.shape[2], np.float32(beyond + 0.5)
     for k in range(rank * frames // size, (rank + 1) * frames // size):
         planes[k] = np.float32(np.nan)
         for i in range(rows):
             for j in range(columns):
-                u, v = positions[k, i, j, 0] + np.float32(0.5), positions[k, i, j, 1] + np.float32(0.5)
-                if 0 <= u < rows and 0 <= v < columns and sigma[k, i, j] <= most:  # also refuses NaN
-                    planes[k, np.int64(u), np.int64(v)] = distance[k, i, j]
+                u, v = positions[k, i, j, 0] + middle, positions[k, i, j, 1] + middle
+                if 0 <= u < height and 0 <= v < width:  # also refuses NaN
+                    y = distance[k, i, j]
+                    votes = sigma[k, i, j] <= most and y == y
+                    planes[k, np.int64(u), np.int64(v)] = y if votes else np.float32(np.inf)
 
 
 @njit(nogil=True, cache=True)
 def medians(rank, size, planes, least, low, high):  # type: ignore[no-untyped-def]
-    """low and high (H, W) ← the medians of the frames (N, H, W), −∞ and ∞ where fewer than `least` know.
+    """low and high (H, W) ← the medians of the frames (N, H, W) that have a vote.
 
-    Of an even number they are the two in the middle: where votes are even, both sides are right.
+    Of an even number they are the two in the middle: where votes are even, both sides are right. Where fewer
+    than `least` vote, anything may be: −∞ and ∞. Where fewer look at all, nothing is asked: ∞ and −∞.
 
     Rows are sorted as far as the middle, all columns at once.
 
@@ -43,22 +48,23 @@ def medians(rank, size, planes, least, low, high):  # type: ignore[no-untyped-de
         high: (H, W), any unit ←.
     """
     frames, rows, columns = planes.shape
-    ranked, count = np.empty((frames, columns), np.float32), np.empty(columns, np.int64)
-    never = np.float32(np.inf)
+    ranked, counts = np.empty((frames, columns), np.float32), np.empty((2, columns), np.int64)
+    (looks, votes), never = counts, np.float32(np.inf)
     for i in range(rank * rows // size, (rank + 1) * rows // size):
-        count[:] = 0
+        counts[:] = 0
         for k in range(frames):
             for j in range(columns):
                 value = planes[k, i, j]
-                count[j] += value == value
+                looks[j] += value == value
+                votes[j] += value < never
                 ranked[k, j] = value if value == value else never
         for first in range(frames // 2 + 1):
             for k in range(frames - 1, first, -1):
                 _order(ranked[k - 1], ranked[k])
         for j in range(columns):
-            known = count[j] >= least
-            low[i, j] = ranked[max(count[j] - 1, 0) // 2, j] if known else -never
-            high[i, j] = ranked[count[j] // 2, j] if known else never
+            known, none = votes[j] >= least, never if looks[j] < least else -never
+            low[i, j] = ranked[max(votes[j] - 1, 0) // 2, j] if known else none
+            high[i, j] = ranked[votes[j] // 2, j] if known else -none
 
 
 @njit
@@ -73,14 +79,15 @@ def _order(upper, lower):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def judge(rank, size, measured, sigma, positions, bounds, slack, ambiguity, agrees, against):  # type: ignore[no-untyped-def]
+def judge(rank, size, measured, sigma, positions, bounds, beyond, slack, ambiguity, agrees, against):  # type: ignore[no-untyped-def]
     """agrees (N, H, W) ← whether each sample lies near enough to what the frames around it say.
 
     Args:
         measured: (N, H, W), any unit, NaN agrees.
         sigma: (N, H, W), its deviation.
         positions: (N, H, W, 2), pixels of frame 0.
-        bounds: two of (H, W), least and greatest distance around, ∓∞ = unknown: whatever is said agrees.
+        bounds: two of (H + 2b, W + 2b), least and greatest distance around, ∓∞ = unknown: all agrees.
+        beyond: b, pixels that the grid is continued by on every side; farther out all agrees.
         slack: in units of high − low from the middle, in deviations, in units of the middle.
         ambiguity: the ambiguity range, whole ones of which do not count; 0 = they do.
         agrees: (N, H, W) ←.
@@ -88,20 +95,25 @@ def judge(rank, size, measured, sigma, positions, bounds, slack, ambiguity, agre
     """
     frames, rows, columns = measured.shape
     low, high = bounds[0].reshape(-1), bounds[1].reshape(-1)
-    places = np.empty(columns, np.int32)
+    places, grid = np.empty(columns, np.int32), bounds[0].shape
     for line in range(rank * frames * rows // size, (rank + 1) * frames * rows // size):
         k, i = line // rows, line % rows
-        find(positions[k, i], rows, columns, places)
+        find(positions[k, i], grid[0], grid[1], places, beyond)
         own = measured[k, i], sigma[k, i]
         against[k, i] = _judge_row(own, places, low, high, slack, ambiguity, agrees[k, i])
 
 
 @njit
-def find(positions, rows, columns, places):  # type: ignore[no-untyped-def]
-    """places ← the flat number of the pixel of the grid under each sample of a row, −1 outside."""
-    half = np.float32(0.5)
+def find(positions, rows, columns, places, beyond=0):  # type: ignore[no-untyped-def]
+    """places ← the flat number of the pixel of the grid under each sample of a row, −1 outside.
+
+    Args:
+        positions: (W, 2), pixels of frame 0.
+        rows, columns: of the grid, `beyond` pixels that it is continued by on every side included.
+    """
+    middle = np.float32(beyond + 0.5)
     for j in range(places.size):
-        u, v = positions[j, 0] + half, positions[j, 1] + half
+        u, v = positions[j, 0] + middle, positions[j, 1] + middle
         inside = (u >= 0) & (u < rows) & (v >= 0) & (v < columns)  # also refuses NaN
         places[j] = np.int32(u) * np.int32(columns) + np.int32(v) if inside else np.int32(-1)
 

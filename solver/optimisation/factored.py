@@ -46,8 +46,9 @@ _LOG, _LOG_STEP, _LOG_BLUNT = 0.3, 0.035, 0.5
 _PHASE, _PHASE_STEP = 0.6, 0.002
 """κ_φ, and δ_φ in metres at the usual ambiguity range of 7.5 m: it is an angle."""
 
-_USUALLY = 4
-"""β at which κ_φ is as it stands, and over which it goes: an edge of the same length has pairs as β."""
+_USUALLY, _WIDER = 4, 0.25
+"""β at which κ_φ and δ_φ are as they stand. κ_φ goes with 1 / β, as an edge of the same length has pairs as β;
+with it, smooth surfaces would be held twice as hard at half of it, so δ_φ is a fifth wider there."""
 
 _CALM = 0.0036
 """Deviation of |Z| where κ are as they stand; they go with its inverse root: half of them are best at four
@@ -206,9 +207,10 @@ class Factored:
         factors = [float(o in self.neighbourhood) / np.hypot(*o) for o in NEIGHBOURHOOD[: pairs.PAIRS]]
         gain = self.strength * float(np.sqrt(_CALM / self.noise))
         logs = gain * _LOG, _LOG_STEP * blunt**_LOG_BLUNT
+        finer = _USUALLY / self.term.factor
         phases = (
-            gain * _PHASE * _USUALLY / self.term.factor,
-            _PHASE_STEP * _USUAL * blunt,
+            gain * _PHASE * finer,
+            _PHASE_STEP * _USUAL * blunt * max(1.0, finer) ** _WIDER,
             1 / _EASE**2,
             (_TELLING * self.noise) ** 2,
             _GLARE**2,

@@ -2,7 +2,8 @@
 
 All frames see one scene, so a sample lies within what the frames say of the nearest nine pixels: the least
 and the greatest of their medians over the frames. One that lies far outside is left out. Deconvolution would
-otherwise fit it by swings many times as large.
+otherwise fit it by swings many times as large. Where frames look but too few see anything, something dark may
+be mixed into the samples around, and all agree; where too few look, the pixels beside tell.
 
     |y − (low + high) / 2| > (high − low) + 5 σ
 
@@ -38,6 +39,9 @@ _SWING, _MIXED_SWING = (1.5, 3.0), (0.8, 3.0)
 distances, at most one fused pixel in five hundred lies beyond the first without wrong samples. Where they
 average phasors, more explains what shares were not known: thin things need the second."""
 
+_BEYOND = 4
+"""Pixels around the grid on which samples are judged as well: maps of `phasor` reach as far."""
+
 _FEW = 500
 """One of so many samples of a frame may be judged anew without the frame being exchanged for it."""
 
@@ -66,8 +70,9 @@ class Consensus:
         self._sigma, self._positions = sigma, positions
         self._ambiguity = np.float32((ambiguity_range or 0.0) if wraps else 0.0)
         self._most = np.float32(ambiguity_range / LOST if ambiguity_range else np.finfo(np.float32).max)
-        self._planes = np.empty(shape, np.float32)
-        self.bounds = np.empty(shape[1:], np.float32), np.empty(shape[1:], np.float32)
+        continued = shape[1] + 2 * _BEYOND, shape[2] + 2 * _BEYOND
+        self._planes = np.empty((shape[0], *continued), np.float32)
+        self._bounds = np.empty(continued, np.float32), np.empty(continued, np.float32)
         self._valid, self._against = np.zeros(len(measured), np.int64), np.zeros(len(measured), np.int64)
         self._align(slice(None))
         self._survey()
@@ -95,20 +100,24 @@ class Consensus:
 
     def _align(self, frames: slice) -> None:
         samples = self.measured[frames], self._sigma[frames], self._most, self._positions[frames]
-        team.share_frames(len(samples[0]), kernels.align, *samples, self._planes[frames])
+        team.share_frames(len(samples[0]), kernels.align, *samples, _BEYOND, self._planes[frames])
 
     def _survey(self) -> None:
-        team.share(kernels.medians, self._planes, MAJORITY, self.bounds[0], self.bounds[1])
-        around = np.ones((3, 3), np.uint8)
-        cv2.erode(self.bounds[0], around, dst=self.bounds[0])
-        cv2.dilate(self.bounds[1], around, dst=self.bounds[1])
+        low, high = self._bounds
+        team.share(kernels.medians, self._planes, MAJORITY, low, high)
+        around, unasked = np.ones((3, 3), np.uint8), low > high
+        cv2.erode(low, around, dst=low)
+        cv2.dilate(high, around, dst=high)
+        low[unasked], high[unasked] = -np.inf, np.inf
+        grid = np.s_[_BEYOND : low.shape[0] - _BEYOND, _BEYOND : low.shape[1] - _BEYOND]
+        self.bounds = np.ascontiguousarray(low[grid]), np.ascontiguousarray(high[grid])
 
     def _judge(self, frames: slice) -> None:
         agrees, measured = self.agrees[frames], self.measured[frames]
         against = np.empty(measured.shape[:2], np.int32)
         samples = measured, self._sigma[frames], self._positions[frames]
         slack = tuple(np.float32(part) for part in _SLACK)
-        law = self.bounds, slack, self._ambiguity
+        law = self._bounds, _BEYOND, slack, self._ambiguity
         team.share_frames(len(measured), kernels.judge, *samples, *law, agrees, against)
         for number in np.flatnonzero(against.any(axis=1)):
             agrees[number] = ~_closed(~agrees[number])

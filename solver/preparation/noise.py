@@ -8,6 +8,9 @@ from solver.kernels import differences as kernels
 _MEDIAN_TO_SIGMA = 1.4826  # of the absolute value of a normal variable
 _CORE, _CORE_SQUARE = 1.5, 0.55158  # deviations; the mean square of a normal variable within as many
 _ROUNDS = 50  # of a fixed point that some ten reach, unless there is no noise
+_HELD = 6.0  # deviations in a range that holds a normal variable without folding it: ±3
+_BRIGHTEST = 1 / 16  # of the differences, which tell more than enough and show something unless all is sky
+_SETTLED = 0.01  # of the differences that count
 _STANDS = 2.5  # deviations from which a step is one of the scene's: of noise alone, one in eighty is
 _ENOUGH = 20_000  # values for a median or a percentile to a per cent
 _FRAMES = 5  # enough samples for a median to a per cent, at a bounded cost
@@ -22,7 +25,9 @@ def estimate(
 
     The mask [1 −2 1; −2 4 −2; 1 −2 1] (Immerkær, "Fast noise variance estimation", CVIU 1996) cancels planes
     and edges along rows or columns; what is left of the others is large. 0 where the frames are
-    noise-free or too small to tell. Whole ambiguity ranges in a difference are wraps.
+    noise-free or too small to tell. Whole ambiguity ranges in a difference are wraps. They
+    bound it where the noise spans the range, while 1 / A still grows: such differences would tell of little
+    noise and are left out.
     """
     picked = _picked(len(distance))
     if amplitude is None:
@@ -30,9 +35,28 @@ def estimate(
     else:
         with np.errstate(divide="ignore", over="ignore"):
             inverse = 1 / amplitude[picked] ** 2
-    ratios = kernels.mixed_differences(distance[picked], inverse, np.float32(ambiguity_range or 0))
-    values = ratios[:: max(1, ratios.size // _ENOUGH)]
-    return _core(values) if values.size else 0.0
+    ratios, scales = kernels.mixed_differences(distance[picked], inverse, np.float32(ambiguity_range or 0))
+    if not ratios.size:
+        return 0.0
+    some = slice(None, None, max(1, ratios.size // _ENOUGH))
+    return _unfolded(ratios[some], scales[some], ambiguity_range or np.inf)
+
+
+def _unfolded(ratios: NDArray[np.float32], scales: NDArray[np.float32], ambiguity_range: float) -> float:
+    """`_core` of the ratios whose differences, of deviations c · scales, the ambiguity range holds.
+
+    Begun with the brightest: among all, those that wraps fold could outvote the others.
+    """
+    last = int(_BRIGHTEST * (scales.size - 1))
+    least = np.partition(scales, last)[last]
+    noise, counted = _core(ratios[scales <= least]), 0
+    for _ in range(_ROUNDS):
+        held = (scales * (_HELD * noise) <= ambiguity_range) | (scales <= least)
+        before, counted = counted, int(held.sum())
+        if abs(counted - before) <= _SETTLED * counted:
+            break
+        noise = _core(ratios[held])
+    return noise
 
 
 def _core(ratios: NDArray[np.float32]) -> float:

@@ -49,6 +49,40 @@ def test_single_wrong_samples_are_left_out(method: Method) -> None:
     assert rmse(distance, scene, options) < 1.25 * rmse(scene.distance, scene, options)
 
 
+RAISED = np.array([[0, 0], [-1, 0.2], [-1.1, -0.2], [-0.9, 0], [0.3, 0.1]])
+"""Shifts of five frames, of which three look above the grid."""
+
+
+def ramp() -> np.ndarray:
+    """Frames of a wall that recedes by ten deviations of the noise from pixel to pixel."""
+    y, x = np.mgrid[:24, :30]
+    steps = [(y + down) + (x + right) for down, right in RAISED]
+    noise = 0.005 * np.random.default_rng(3).normal(size=(5, 24, 30))
+    return (2 + 0.05 * np.array(steps) + noise).astype(np.float32)
+
+
+def left_out(distance: np.ndarray) -> np.ndarray:
+    """Which of the ramp's samples are known but not used."""
+    positions = sample_positions(distance.shape, shifts=RAISED)
+    problem = prepare(distance, None, positions, options=FusionOptions(method="area"), noise=0.005)
+    return np.isnan(problem.distance) & np.isfinite(distance)
+
+
+def test_what_looks_beside_the_grid_is_judged_by_what_else_does() -> None:
+    distance, wrong = ramp(), np.zeros((5, 24, 30), bool)
+    assert not left_out(distance).any()
+    wrong[1, 0, 4:-4:6] = True
+    distance[wrong] = 1
+    np.testing.assert_array_equal(left_out(distance), wrong)
+
+
+def test_what_something_unseen_may_be_mixed_into_is_kept() -> None:
+    distance = ramp()
+    distance[:, 9:12, 9:12] = np.nan
+    distance[0, 7, 10] = distance[1, 12, 10] = 3
+    assert not left_out(distance).any()
+
+
 def test_the_report_says_how_many_were_contradicted() -> None:
     scene = burst(0.01)
     still = fuse(scene.distance, shifts=scene.shifts)

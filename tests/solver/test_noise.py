@@ -21,6 +21,29 @@ def test_without_any_light_the_noise_is_not_known() -> None:
     assert estimate(distance, np.zeros_like(distance)) == 0
 
 
+def seen(light: np.ndarray, distance: float = 2.0) -> tuple[np.ndarray, np.ndarray]:
+    """Five frames of `light` (H, W), in deviations of a phasor's part: distances over the range, light."""
+    rng = np.random.default_rng(5)
+    parts = rng.normal(size=(2, 5, *light.shape))
+    phasors = light * np.exp(2j * np.pi * distance) + parts[0] + 1j * parts[1]
+    return (np.angle(phasors) / (2 * np.pi) % 1).astype(np.float32), np.abs(phasors).astype(np.float32)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.3, 0.5, 0.8])
+def test_where_nothing_returns_there_is_no_less_noise(share: float) -> None:
+    light = np.full((60, 80), 200.0)
+    light[:, : int(share * 80)] = 0
+    distance, amplitude = seen(light)
+    assert estimate(distance, amplitude, 1.0) == pytest.approx(1 / (2 * np.pi), rel=0.06)
+
+
+def test_what_is_dark_shows_no_less_noise_than_what_is_bright() -> None:
+    light = np.full((60, 80), 2.0)
+    light[:, :30] = 30.0
+    distance, amplitude = seen(light)
+    assert estimate(distance, amplitude, 1.0) == pytest.approx(1 / (2 * np.pi), rel=0.06)
+
+
 @pytest.mark.parametrize("variance", [4.1, 46.3])
 def test_fine_relief_is_hardly_taken_for_noise(variance: float) -> None:
     depth = DepthMap(procedural_object(), oversampling=2)
