@@ -47,8 +47,8 @@ _PHASE, _PHASE_STEP = 0.6, 0.002
 """κ_φ, and δ_φ in metres at the usual ambiguity range of 7.5 m: it is an angle."""
 
 _USUALLY, _WIDER = 4, 0.25
-"""β at which κ_φ and δ_φ are as they stand. κ_φ goes with 1 / β, as an edge of the same length has pairs as β;
-with it, smooth surfaces would be held twice as hard at half of it, so δ_φ is a fifth wider there."""
+"""β at which κ_φ and δ_φ are as they stand. κ_φ goes with 1 / β, as an edge of the same length has pairs as
+β; at half of it smooth surfaces would so be held twice as hard, and δ_φ is a fifth wider there."""
 
 _CALM = 0.0036
 """Deviation of |Z| where κ are as they stand; they go with its inverse root: half of them are best at four
