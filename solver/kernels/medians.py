@@ -9,7 +9,7 @@ def align(rank, size, distance, sigma, most, positions, beyond, planes):  # type
     """planes (N, H + 2b, W + 2b) ← the samples (N, H, W) by the pixel that they fall on, NaN where none do.
 
     Samples that are not valid or deviate by more than `most` have no vote: ∞. Of two of a frame on one pixel
-    the later counts. By a team, as all kernels here.
+    the later one that has a vote counts. By a team, as all kernels here.
 
     Args:
         distance: (N, H, W), any unit.
@@ -27,9 +27,11 @@ def align(rank, size, distance, sigma, most, positions, beyond, planes):  # type
             for j in range(columns):
                 u, v = positions[k, i, j, 0] + middle, positions[k, i, j, 1] + middle
                 if 0 <= u < height and 0 <= v < width:  # also refuses NaN
-                    y = distance[k, i, j]
-                    votes = sigma[k, i, j] <= most and y == y
-                    planes[k, np.int64(u), np.int64(v)] = y if votes else np.float32(np.inf)
+                    y, row, column = distance[k, i, j], np.int64(u), np.int64(v)
+                    if sigma[k, i, j] <= most and y == y:
+                        planes[k, row, column] = y
+                    elif not np.isfinite(planes[k, row, column]):
+                        planes[k, row, column] = np.float32(np.inf)
 
 
 @njit(nogil=True, cache=True)

@@ -47,29 +47,9 @@ def _cross(line, lights, turn, level, law):  # type: ignore[no-untyped-def]
     return _move(2 * np.pi / turn * step, _apart(a, here, turn) / step, light, light_a, light_b, law)
 
 
-@njit
-def _alone(distance, amplitude, i, j, turn, edge):  # type: ignore[no-untyped-def]
-    """The way to the four cells around for one that is nowhere near them though they agree; NaN: it stays.
-
-    Unless it is the brightest: what is as small and dark cannot be told from what the model errs by.
-    """
-    rows, columns = distance.shape
-    low, high, most = np.float32(np.inf), np.float32(-np.inf), np.float32(0)
-    for r, c in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-        if not (0 <= i + r < rows and 0 <= j + c < columns):
-            return np.nan
-        way = _apart(distance[i, j], distance[i + r, j + c], turn)
-        if not abs(way) > edge:
-            return np.nan
-        low, high, most = min(low, way), max(high, way), max(most, amplitude[i + r, j + c])
-    return 0.5 * (low + high) if high - low < edge and amplitude[i, j] < most else np.nan
-
-
 @njit(nogil=True, cache=True, error_model="numpy")
 def settle(rank, size, distance, amplitude, turn, cut, edge, level, law, out):  # type: ignore[no-untyped-def]
     """out ← the distances, cells across which they step being moved to the side that has more; by a team.
-
-    One that lies alone, far from all around it, which agree, is moved to these.
 
     Args:
         distance, amplitude: (rows, columns), distance from `cut` up to a `turn` more, or NaN.
@@ -84,11 +64,6 @@ def settle(rank, size, distance, amplitude, turn, cut, edge, level, law, out):  
     for i in range(rank * rows // size, (rank + 1) * rows // size):
         for j in range(columns):
             out[i, j], most = distance[i, j], edge
-            if j > 0 and abs(_apart(distance[i, j - 1], distance[i, j], turn)) > edge:
-                way = _alone(distance, amplitude, i, j, turn, edge)
-                if way == way:
-                    out[i, j] = _within(distance[i, j] + way, turn, cut)
-                    continue
             for r, c in ((0, 1), (1, 0)):
                 if i < 2 * r or i + 2 * r >= rows or j < 2 * c or j + 2 * c >= columns:
                     continue

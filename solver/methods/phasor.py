@@ -35,8 +35,8 @@ _LOST = 3.0
 radian, by |Z| itself or by the mean of Z over two pixels: noise has a length, but no direction."""
 
 _FAINT = 0.1
-"""Part of the light around, over β, that the model errs by in a fused pixel. One that has less and lies 60°
-off is a swing below zero, and its distance is lost too: at β = 2 dark print came loose by metres."""
+"""Part of the light around, over β, that the model errs by in a fused pixel; nothing at β = 1. One that has
+less and lies 60° off is a swing below zero, and its distance is lost too: at 2 dark print came loose."""
 
 _EDGE, _LEVEL = 0.004, 0.15
 """What is an edge: a step by so much of the ambiguity range from one neighbour of a cell to the other, beside
@@ -150,7 +150,8 @@ def _solution(problem: Problem, course: Factored, taken: int, converged: bool, f
     side = 2 * problem.options.upsampling + 1
     mean = np.stack([cv2.blur(part, (side, side)) for part in cropped(course.z, shape).copy()])
     cut = np.float32(_radians(problem, problem.cut))
-    faint = np.float32((_FAINT / problem.options.upsampling) ** 2)
+    factor = problem.options.upsampling
+    faint = np.float32((_FAINT / factor) ** 2 if factor > 1 else 0.0)
     units = np.float32(scale), np.float32(course.scale), cut, np.float32(least**2), faint
     team.share(phasors.resolve, distance, amplitude, seen, mean, *units)
     distance = _settled(problem, course, distance, amplitude)

@@ -95,8 +95,8 @@ def agreed(
 
 
 def apart(reach: float) -> int:
-    """Fused pixels to the windows at the sides."""
-    return round(_AWAY * reach)
+    """Fused pixels to the windows at the sides, at least one."""
+    return max(1, round(_AWAY * reach))
 
 
 def curvature_noise(reach: float) -> float:

@@ -73,6 +73,7 @@ class Consensus:
         continued = shape[1] + 2 * _BEYOND, shape[2] + 2 * _BEYOND
         self._planes = np.empty((shape[0], *continued), np.float32)
         self._bounds = np.empty(continued, np.float32), np.empty(continued, np.float32)
+        self.bounds = np.empty(shape[1:], np.float32), np.empty(shape[1:], np.float32)
         self._valid, self._against = np.zeros(len(measured), np.int64), np.zeros(len(measured), np.int64)
         self._align(slice(None))
         self._survey()
@@ -110,7 +111,8 @@ class Consensus:
         cv2.dilate(high, around, dst=high)
         low[unasked], high[unasked] = -np.inf, np.inf
         grid = np.s_[_BEYOND : low.shape[0] - _BEYOND, _BEYOND : low.shape[1] - _BEYOND]
-        self.bounds = np.ascontiguousarray(low[grid]), np.ascontiguousarray(high[grid])
+        for bound, beyond in zip(self.bounds, (low, high), strict=True):
+            bound[:] = beyond[grid]
 
     def _judge(self, frames: slice) -> None:
         agrees, measured = self.agrees[frames], self.measured[frames]

@@ -8,9 +8,8 @@ from solver.kernels import differences as kernels
 _MEDIAN_TO_SIGMA = 1.4826  # of the absolute value of a normal variable
 _CORE, _CORE_SQUARE = 1.5, 0.55158  # deviations; the mean square of a normal variable within as many
 _ROUNDS = 50  # of a fixed point that some ten reach, unless there is no noise
-_HELD = 6.0  # deviations in a range that holds a normal variable without folding it: ±3
-_BRIGHTEST = 1 / 16  # of the differences, which tell more than enough and show something unless all is sky
-_SETTLED = 0.01  # of the differences that count
+_BANDS = 16  # of light: enough to part sky from ground, and each with enough differences for a median
+_FOLDED = 0.11  # of the range: the median of |normal variables| of which it holds ±3 deviations
 _STANDS = 2.5  # deviations from which a step is one of the scene's: of noise alone, one in eighty is
 _ENOUGH = 20_000  # values for a median or a percentile to a per cent
 _FRAMES = 5  # enough samples for a median to a per cent, at a bounded cost
@@ -25,9 +24,9 @@ def estimate(
 
     The mask [1 −2 1; −2 4 −2; 1 −2 1] (Immerkær, "Fast noise variance estimation", CVIU 1996) cancels planes
     and edges along rows or columns; what is left of the others is large. 0 where the frames are
-    noise-free or too small to tell. Whole ambiguity ranges in a difference are wraps. They
-    bound it where the noise spans the range, while 1 / A still grows: such differences would tell of little
-    noise and are left out.
+    noise-free or too small to tell. Whole ambiguity ranges in a difference are wraps, and where the noise
+    spans the range they bound it while 1 / A still grows: such differences would tell of little noise and are
+    left out.
     """
     picked = _picked(len(distance))
     if amplitude is None:
@@ -39,24 +38,23 @@ def estimate(
     if not ratios.size:
         return 0.0
     some = slice(None, None, max(1, ratios.size // _ENOUGH))
-    return _unfolded(ratios[some], scales[some], ambiguity_range or np.inf)
+    ratios, scales = ratios[some], scales[some]
+    if amplitude is None or not ambiguity_range:
+        return _core(ratios)
+    return _core(ratios[_unfolded(ratios * scales, scales, ambiguity_range)])
 
 
-def _unfolded(ratios: NDArray[np.float32], scales: NDArray[np.float32], ambiguity_range: float) -> float:
-    """`_core` of the ratios whose differences, of deviations c · scales, the ambiguity range holds.
+def _unfolded(
+    differences: NDArray[np.float32], scales: NDArray[np.float32], ambiguity_range: float
+) -> NDArray[np.intp]:
+    """Which differences count, of deviations in proportion to the scales: those of bands that are not folded.
 
-    Begun with the brightest: among all, those that wraps fold could outvote the others.
+    The brightest band where all are: of what is lost in noise all over, no more can be said.
     """
-    last = int(_BRIGHTEST * (scales.size - 1))
-    least = np.partition(scales, last)[last]
-    noise, counted = _core(ratios[scales <= least]), 0
-    for _ in range(_ROUNDS):
-        held = (scales * (_HELD * noise) <= ambiguity_range) | (scales <= least)
-        before, counted = counted, int(held.sum())
-        if abs(counted - before) <= _SETTLED * counted:
-            break
-        noise = _core(ratios[held])
-    return noise
+    bands = np.array_split(np.argsort(scales, kind="stable"), min(_BANDS, scales.size))
+    most = _FOLDED * ambiguity_range
+    held = [band for band in bands if _median(differences[band]) <= most]
+    return np.concatenate(held or bands[:1])
 
 
 def _core(ratios: NDArray[np.float32]) -> float:

@@ -44,6 +44,19 @@ def test_what_is_dark_shows_no_less_noise_than_what_is_bright() -> None:
     assert estimate(distance, amplitude, 1.0) == pytest.approx(1 / (2 * np.pi), rel=0.06)
 
 
+@pytest.mark.parametrize("rough", ["leaves", "checks"])
+def test_a_bright_rough_thing_does_not_outvote_the_wall_behind_it(rough: str) -> None:
+    rows, columns = np.mgrid[:60, :80]
+    thing, rng = (rows < 24) & (columns < 24), np.random.default_rng(2)
+    relief = rng.uniform(0.1, 0.4, thing.shape) if rough == "leaves" else 0.2 * ((rows + columns) % 2)
+    light, distance = np.where(thing, 600.0, 60.0), np.where(thing, relief, 0.4)
+    noises = rng.normal(size=(2, 5, *light.shape))
+    phasors = light * np.exp(2j * np.pi * distance) + noises[0] + 1j * noises[1]
+    measured = (np.angle(phasors) / (2 * np.pi) % 1).astype(np.float32)
+    found = estimate(measured, np.abs(phasors).astype(np.float32), 1.0)
+    assert found == pytest.approx(1 / (2 * np.pi), rel=0.1)
+
+
 @pytest.mark.parametrize("variance", [4.1, 46.3])
 def test_fine_relief_is_hardly_taken_for_noise(variance: float) -> None:
     depth = DepthMap(procedural_object(), oversampling=2)
