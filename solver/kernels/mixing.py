@@ -12,12 +12,6 @@ def _apart(a, b, turn):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _within(distance, turn, cut):  # type: ignore[no-untyped-def]
-    """The distance from `cut` up to a turn more."""
-    return distance - turn * np.floor((distance - cut) / turn)
-
-
-@njit
 def _move(step, part, light, light_a, light_b, law):  # type: ignore[no-untyped-def]
     """Where a cell goes from a (0) to b (1); NaN: it stays."""
     pure, sure, dark, faint, error = law
@@ -76,4 +70,4 @@ def settle(rank, size, distance, amplitude, turn, cut, edge, level, law, out):  
                 way = _cross(line, lights, turn, level, law)
                 if way >= 0:
                     moved, most = a + step * way, abs(step)
-                    out[i, j] = _within(moved, turn, cut)
+                    out[i, j] = moved - turn * np.floor((moved - cut) / turn)

@@ -22,13 +22,11 @@ from solver.optimisation.factored import MODEL, Factored
 from solver.optimisation.footprint import AreaTerm
 from solver.optimisation.padding import cropped
 from solver.optimisation.schedule import SCHEDULE, Step
+from solver.preparation.consensus import BEYOND
 from solver.preparation.problem import Problem, Solution
 from solver.preparation.wrapping import nearest
 from solver.result import Progress
 from solver.runtime import team
-
-_MARGIN = 4
-"""Low-resolution pixels that the map reaches beyond the grid, so that samples that look there count."""
 
 _LOST = 3.0
 """A distance is lost where what a low-resolution pixel's samples say of it deviates by over a third of a
@@ -52,7 +50,7 @@ _MISPLACED = 0.016
 """Part of how much light and distance change about a sample, over β, that the model errs by besides: where an
 edge crosses a fused pixel, that pixel's mean stands for the whole of it. A bright thing has rings without."""
 
-_BEYOND = 1e6
+_ABOVE = 1e6
 """More than any phasor, in units of the RMS amplitude."""
 
 _RENEWED = SCHEDULE[:-1]
@@ -98,7 +96,7 @@ def _begin(problem: Problem) -> Factored:
     scale = float(np.sqrt(np.mean(np.square(light, dtype=np.float64))))
     factor, options = problem.options.upsampling, problem.options
     samples = _samples(problem, scale, slice(None))
-    term = AreaTerm(*samples, problem.positions, factor, options.footprint, margin=_MARGIN * factor)
+    term = AreaTerm(*samples, problem.positions, factor, options.footprint, margin=BEYOND * factor)
     strength = 1.0 if options.regularization == "auto" else float(options.regularization)
     weight = 1 / ((_component(problem) / scale) ** 2 + MODEL**2)
     noise = float(1 / np.sqrt(weight * len(problem.distance)))
@@ -185,7 +183,7 @@ def _settled(
 def _contrast(values: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
     """(n, H, W): by how much phasors (2, n, H, W) differ about a pixel, squared; of those that are known."""
     about, out = np.ones((3, 3), np.uint8), np.zeros(values.shape[1:], np.float32)
-    most, least = np.where(known, values, np.float32(-_BEYOND)), np.where(known, values, np.float32(_BEYOND))
+    most, least = np.where(known, values, np.float32(-_ABOVE)), np.where(known, values, np.float32(_ABOVE))
     for high, low in zip(most, least, strict=True):
         for top, bottom, square in zip(high, low, out, strict=True):
             square += np.square(cv2.dilate(top, about) - cv2.erode(bottom, about))

@@ -39,8 +39,9 @@ _SWING, _MIXED_SWING = (1.5, 3.0), (0.8, 3.0)
 distances, at most one fused pixel in five hundred lies beyond the first without wrong samples. Where they
 average phasors, more explains what shares were not known: thin things need the second."""
 
-_BEYOND = 4
-"""Pixels around the grid on which samples are judged as well: maps of `phasor` reach as far."""
+BEYOND = 4
+"""Pixels around the grid on which samples are judged as well, and which a map of `phasor` holds, so that what
+looks there counts."""
 
 _FEW = 500
 """One of so many samples of a frame may be judged anew without the frame being exchanged for it."""
@@ -70,7 +71,7 @@ class Consensus:
         self._sigma, self._positions = sigma, positions
         self._ambiguity = np.float32((ambiguity_range or 0.0) if wraps else 0.0)
         self._most = np.float32(ambiguity_range / LOST if ambiguity_range else np.finfo(np.float32).max)
-        continued = shape[1] + 2 * _BEYOND, shape[2] + 2 * _BEYOND
+        continued = shape[1] + 2 * BEYOND, shape[2] + 2 * BEYOND
         self._planes = np.empty((shape[0], *continued), np.float32)
         self._bounds = np.empty(continued, np.float32), np.empty(continued, np.float32)
         self.bounds = np.empty(shape[1:], np.float32), np.empty(shape[1:], np.float32)
@@ -101,7 +102,7 @@ class Consensus:
 
     def _align(self, frames: slice) -> None:
         samples = self.measured[frames], self._sigma[frames], self._most, self._positions[frames]
-        team.share_frames(len(samples[0]), kernels.align, *samples, _BEYOND, self._planes[frames])
+        team.share_frames(len(samples[0]), kernels.align, *samples, BEYOND, self._planes[frames])
 
     def _survey(self) -> None:
         low, high = self._bounds
@@ -110,7 +111,7 @@ class Consensus:
         cv2.erode(low, around, dst=low)
         cv2.dilate(high, around, dst=high)
         low[unasked], high[unasked] = -np.inf, np.inf
-        grid = np.s_[_BEYOND : low.shape[0] - _BEYOND, _BEYOND : low.shape[1] - _BEYOND]
+        grid = np.s_[BEYOND : low.shape[0] - BEYOND, BEYOND : low.shape[1] - BEYOND]
         for bound, beyond in zip(self.bounds, (low, high), strict=True):
             bound[:] = beyond[grid]
 
@@ -119,7 +120,7 @@ class Consensus:
         against = np.empty(measured.shape[:2], np.int32)
         samples = measured, self._sigma[frames], self._positions[frames]
         slack = tuple(np.float32(part) for part in _SLACK)
-        law = self._bounds, _BEYOND, slack, self._ambiguity
+        law = self._bounds, BEYOND, slack, self._ambiguity
         team.share_frames(len(measured), kernels.judge, *samples, *law, agrees, against)
         for number in np.flatnonzero(against.any(axis=1)):
             agrees[number] = ~_closed(~agrees[number])

@@ -93,6 +93,25 @@ def test_dark_print_does_not_come_loose(contrast, factor, frames, seed):
     assert (off < np.maximum(0.06, fused.deviation)).all()
 
 
+def test_a_dark_pole_stands_before_a_far_wall_where_pixels_are_not_divided():
+    """It returns a twenty-fifth of the wall's light, two hundred deviations, and is a pixel wide."""
+    pole = np.abs(COLUMN - 12) < 0.5
+    scene = Scene(np.where(pole, 2.0, 4.0), np.where(pole, 120.0, 3000.0), noise=0.02)
+    found = scene.fused(upsampling=1).distance[2:-2, 12]
+    assert np.median(np.abs(found - 2)) < 0.05
+    assert (np.abs(found - 2) > 0.5).mean() < 0.1
+
+
+def test_many_frames_of_little_noise_are_fused_where_pixels_are_not_divided():
+    random = np.random.default_rng(0)
+    distance = (2 + 1e-7 * random.normal(size=(1200, 12, 12))).astype(np.float32)
+    light, shifts = np.full_like(distance, 1000), random.uniform(-1, 1, (1200, 2))
+    shifts[0] = 0
+    options = FusionOptions(method="phasor", upsampling=1)
+    given = {"ambiguity_range": RANGE, "noise": 1e-4, "options": options}
+    assert np.abs(fuse(distance, light, shifts=shifts, **given).distance - 2).max() < 1e-3
+
+
 @pytest.mark.parametrize("factor", [2, 3, 4, 8])
 def test_a_smooth_thing_is_found_at_every_upsampling(factor):
     scene = Scene(2 + 0.03 * np.sin(ROW / 5) * np.cos(COLUMN / 6), 2500 + 500 * np.sin(COLUMN))

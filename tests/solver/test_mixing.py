@@ -72,3 +72,10 @@ def test_slopes_things_of_one_cell_and_the_unknown_stay() -> None:
     out = np.empty_like(distance)
     settle(0, 1, distance, np.abs(z).astype(np.float32), RANGE, 0.0, 0.03, 0.15, LAW, out)
     assert np.array_equal(out, distance, equal_nan=True)
+
+
+def test_a_diagonal_line_of_dark_cells_stays() -> None:
+    z = np.repeat(phasors(2.0 + 0.002 * np.arange(9), 1.0)[:, None], 9, axis=1)
+    z[range(9), range(9)] = phasors(2.5, 0.5)
+    found, before = settled(z)
+    np.testing.assert_array_equal(found, before)
