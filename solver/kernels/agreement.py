@@ -57,7 +57,9 @@ def _sharpen(trust, slope, measure, curve, part, mean):  # type: ignore[no-untyp
 
 
 @njit(nogil=True, cache=True)
-def choose(rank, size, x, slopes, measure, light, noise, away, scale, part, out):  # type: ignore[no-untyped-def]
+def choose(  # type: ignore[no-untyped-def]
+    rank, size, x, slopes, measure, light, noise, away, scale, part, out, square
+):
     """out ← a slope of those here and `away` in each direction; by a team.
 
     Their mean by how well they agree with the pixel's own rise, or, as far as the window about the pixel
@@ -74,10 +76,11 @@ def choose(rank, size, x, slopes, measure, light, noise, away, scale, part, out)
         scale: 1 / edge²; a slope counts 1 / (1 + scale · (rise − slope)²)².
         part: a number.
         out: (2, rows + 4, columns + 4), in the map's unit per pixel, 0 in the padding.
+        square: (rows, columns) ←, the squared second differences of the slopes, in the map's unit per pixel.
     """
     rows, n, kind = x.shape[0] - 4, x.shape[1] - 4, x.dtype.type
     rises, sums = np.zeros((2, n), x.dtype), np.zeros((3, n), x.dtype)
-    trust, square, curves = np.zeros(n, x.dtype), np.zeros(n, x.dtype), np.zeros((2, n), x.dtype)
+    trust, curves = np.zeros(n, x.dtype), np.zeros((2, n), x.dtype)
     lines = np.zeros((2, n + 2 * away), x.dtype)
     for row in range(rank * rows // size, (rank + 1) * rows // size):
         i, last = min(row, max(0, rows - 2)), max(n - 1, 1)
@@ -98,15 +101,16 @@ def choose(rank, size, x, slopes, measure, light, noise, away, scale, part, out)
         _repeat_ends(lines, away)
         for by in (0, 2 * away):
             _hear(rises, lines[0, by : by + n], lines[1, by : by + n], own, kind(scale), sums)
-        square[:] = 0
+        bent = square[row]
+        bent[:] = 0
         curves[:] = 0
         above, below = max(row - away, 0) + 2, min(row + away, rows - 1) + 2
         for axis in range(2):
             here, line = view(slopes, (axis, row + 2), 2, n), lines[axis]
             up, end = view(slopes, (axis, above), 2, n), view(slopes, (axis, below), 2, n)
-            _curve(up, here, end, own, square, curves[axis])
-            _curve(line[:n], here, line[2 * away :], own, square, curves[axis])
-        _tell(square, kind(noise), view(light, (row + 2,), 2, n), trust)
+            _curve(up, here, end, own, bent, curves[axis])
+            _curve(line[:n], here, line[2 * away :], own, bent, curves[axis])
+        _tell(bent, kind(noise), view(light, (row + 2,), 2, n), trust)
         for axis in range(2):
             target = out[axis, row + 2]
             target[:2] = 0

@@ -65,70 +65,33 @@ def advance(rank, size, x, most, least, nearest, faint, state, z, square, power,
 
 
 @njit(fastmath=True, error_model="numpy")
-def _curve(tilt, measure, i, here, sides, square):  # type: ignore[no-untyped-def]
-    """square += the squared second differences of the tilt of row i, in the measure; `here` is that row's."""
-    away, (above, below), (line, other) = sides
-    n, two = square.size, square.dtype.type(2)
-    for axis in range(2):
-        own, top, end = (
-            view(tilt, (axis, i), 2, n),
-            view(tilt, (axis, above), 2, n),
-            view(tilt, (axis, below), 2, n),
-        )
-        upper, lower = view(measure, (above,), 2, n), view(measure, (below,), 2, n)
-        for j in range(n):
-            line[away + j] = own[j] / here[j]
-        line[:away] = line[away]
-        line[away + n :] = line[away + n - 1]
-        for j in range(n):
-            other[j] = top[j] / upper[j] + end[j] / lower[j]
-        for j in range(n):
-            middle = two * line[away + j]
-            v, h = here[j] * (other[j] - middle), here[j] * (line[j] + line[j + 2 * away] - middle)
-            square[j] += v * v + h * h
-
-
-@njit(fastmath=True, error_model="numpy")
-def _inform(z, i, bend, loose, weight, law, square, out):  # type: ignore[no-untyped-def]
+def _inform(z, i, bend, weight, bent, told, least, out):  # type: ignore[no-untyped-def]
     n, kind = out.size, out.dtype.type
     a, b, m = view(z, (0, i), 2, n), view(z, (1, i), 2, n), view(bend, (i,), 2, n)
-    free = view(loose, (i,), 2, n)
-    averaged, power, told, least = law
     one, tiny, unknown = kind(1), kind(1e-30), kind(np.pi**2 / 3)
     for j in range(n):
-        noise = averaged / (weight * m[j] * (a[j] * a[j] + b[j] * b[j]) + tiny)
-        hidden, seen = power * noise, square[j] + tiny
-        lost = (noise + told * min(seen, hidden * hidden / seen)) * free[j] * free[j] + least
+        noise = one / (weight * m[j] * (a[j] * a[j] + b[j] * b[j]) + tiny)
+        root = np.sqrt(noise)
+        lost = told[j] * root * np.sqrt(root * np.sqrt(bent[j])) + least
         out[j] = one / min(lost, unknown)
 
 
 @njit(nogil=True, cache=True)
-def informed(rank, size, z, bend, loose, weight, tilt, measure, away, scale, law, out):  # type: ignore[no-untyped-def]
+def informed(rank, size, z, bend, weight, bent, told, least, out):  # type: ignore[no-untyped-def]
     """out (rows, columns) ← the inverse variance of φ, the bias counted in; by a team.
 
-    Data of density d, averaged over a support of n pixels, leave 1 / (n d). Second differences of the tilt
-    that exceed their noise have been followed; what does not is lost in it: of a power x with noise of power
-    y in it a filter that passes 1 − y / x of it leaves y² / x, or x where all is noise. Where a prior had to
-    give way there is more noise, and more is hidden. What nothing is known of may be any angle, of variance
+    The variance is told · noise^¾ · bent^¼ + least. What nothing is known of may be any angle, of variance
     π² / 3.
 
     Args:
         z: (2, rows + 4, columns + 4), the phasors.
         bend: (rows + 4, columns + 4), padded by 2, what data say of a constant φ at |Z| = 1, over `weight`.
-        loose: (rows + 4, columns + 4), padded by 2, by how much the prior has given way.
         weight: a number.
-        tilt: (2, rows + 4, columns + 4), radians per pixel.
-        measure: (rows + 4, columns + 4), in which tilts of one surface are the same.
-        away: pixels to where the tilt is compared.
-        scale: pixels², of which times the squared second differences of the tilt x is.
-        law: (1 / n, y in units of 1 / (n d), part of what is lost that counts, the least variance).
+        bent: (rows, columns), radian², how much slopes change around.
+        told: (rows, columns).
+        least: radian².
         out: (rows, columns), 1 / radian².
     """
-    rows, n = out.shape
-    square, other, line = np.zeros(n, out.dtype), np.zeros(n, out.dtype), np.zeros(n + 2 * away, out.dtype)
+    rows = len(out)
     for row in range(rank * rows // size, (rank + 1) * rows // size):
-        ends = max(row - away, 0) + 2, min(row + away, rows - 1) + 2
-        square[:] = 0
-        _curve(tilt, measure, row + 2, view(measure, (row + 2,), 2, n), (away, ends, (line, other)), square)
-        square *= scale
-        _inform(z, row + 2, bend, loose, weight, law, square, out[row])
+        _inform(z, row + 2, bend, weight, bent[row], told[row], least, out[row])

@@ -30,26 +30,29 @@ _FREEST = 20.0
 that is free swings."""
 
 
-def eased(ease: Image, z: Image, pull: Image, bend: Image, weight: np.floating, factor: int) -> Image:
-    """By how much the prior is to give way now, (rows / factor, columns / factor), at least 1.
+def discrepancy(z: Image, pull: Image, bend: Image, weight: np.floating, factor: int) -> Image:
+    """How far map and samples are apart, (rows / factor, columns / factor), in units of noise alone.
 
     Args:
-        ease: the same, by how much it has given way.
         z: (2, rows + 4, columns + 4), the phasors, padded.
         pull: (2, rows + 4, columns + 4), the data term's gradient in Z.
         bend: (rows + 4, columns + 4), padded, its second derivatives over the weight.
         weight: inverse variance of a sample's component.
         factor: fused pixels to a low-resolution one.
     """
-    sums = np.empty((2, *ease.shape), z.dtype)
+    shape = [(n - 2 * PAD) // factor for n in bend.shape]
+    sums = np.empty((2, *shape), z.dtype)
     team.share(kernels.compare, z, pull, bend, weight, factor, sums)
     squares, expected = (cv2.blur(part, (_WINDOW, _WINDOW)) for part in sums)
-    ratio = squares / (expected + np.float32(1e-12))
-    out: Image = np.clip(ease * ratio * np.float32(1 / _AGREES), 1, _FREEST)
-    return out
+    ratio: Image = squares / (expected + np.float32(1e-12))
+    return ratio
 
 
-def spread(ease: Image, out: Image) -> None:
-    """out (rows + 4, columns + 4), padded ← the same by fused pixel, interpolated."""
-    inner = out[PAD:-PAD, PAD:-PAD]
-    cv2.resize(ease, inner.shape[::-1], dst=inner, interpolation=cv2.INTER_LINEAR)
+def eased(ease: Image, ratio: Image) -> Image:
+    """By how much the prior is to give way now, at least 1: `ease` is by how much it has, both by pixel."""
+    return np.clip(ease * ratio * np.float32(1 / _AGREES), 1, _FREEST)
+
+
+def spread(image: Image, out: Image) -> None:
+    """out (rows, columns) ← an image (rows / factor, columns / factor), interpolated."""
+    cv2.resize(image, out.shape[::-1], dst=out, interpolation=cv2.INTER_LINEAR)

@@ -27,11 +27,11 @@ from numpy.typing import NDArray
 from solver.kernels import factors as kernels
 from solver.kernels import newton, pairs
 from solver.kernels.group import PAD
-from solver.optimisation.discrepancy import eased, spread
+from solver.optimisation.discrepancy import discrepancy, eased, spread
 from solver.optimisation.footprint import AreaTerm
 from solver.optimisation.padding import padded
 from solver.optimisation.schedule import Step
-from solver.optimisation.slope import agreed, apart, curvature_noise, slope
+from solver.optimisation.slope import agreed, slope
 from solver.options import NEIGHBOURHOOD, Offset
 from solver.runtime import team
 
@@ -97,9 +97,12 @@ _MOST = np.array([0.7, 0.3])
 """By how much l and φ may move in one step: the linearisation holds for less than 1."""
 
 
-_SUPPORT, _HIDDEN = 50.0, 0.68
-"""Samples that a deviation stands for, in units of the reach squared, and the deviation of relief that the
-map smooths away, in units of the second differences that the tilt hides times the reach."""
+_UNSURE, _TOLD, _APART = 0.014, 3.2, 1.25
+"""The variance of φ is 0.014 exp(3.2 D) n^¾ x^¼, by trial: n is the noise of the samples over a square of the
+reach, x the square of what the slope changes by over the reach, times the reach, and D the discrepancy, 1.25
+at most: x tells the rest; it is times √(4 / β) under β = 4, where D is less. A map that is smoothed best errs
+about alike by noise and by relief that is lost, and both grow with either. By n alone it would be too sure
+where it is bright and too timid where it is dim."""
 
 _ERRED = 0.0001 * _USUAL
 """What φ errs by however many samples there are."""
@@ -143,6 +146,7 @@ class Factored:
     _moved: bool = field(init=False, default=False)
     _ease: Image = field(init=False)
     _loose: Image = field(init=False)
+    _bent: Image = field(init=False)
 
     def __post_init__(self) -> None:
         mean = self.term.mean()
@@ -176,8 +180,8 @@ class Factored:
         weight = np.float32(self.weight)
         self.term.pull(self.z, weight, product)
         if step.eases:
-            self._ease = eased(self._ease, self.z, product, self.term.bend, weight, self.term.factor)
-            spread(self._ease, self._loose)
+            self._ease = eased(self._ease, self._discrepancy(product))
+            spread(self._ease, self._loose[PAD:-PAD, PAD:-PAD])
         state, data = (
             (self.state, self.z, self._loose, self._tilt[0], *self._laws(step.blunt)),
             (product, self._bend, weight),
@@ -194,6 +198,9 @@ class Factored:
         self._moved = True
         return rounds
 
+    def _discrepancy(self, pull: Image) -> Image:
+        return discrepancy(self.z, pull, self.term.bend, np.float32(self.weight), self.term.factor)
+
     def _find_tilt(self, blunt: float) -> Image:
         """(1, 2, rows + 4, columns + 4): what the surroundings foretell of φ's rise by row and by column."""
         edge, image = _EDGE * _USUALLY / self.term.factor * blunt**_EDGE_BLUNT, self.state[1:]
@@ -201,7 +208,8 @@ class Factored:
         side = 2 * round(self._reach) + 1
         light = np.asarray(cv2.blur(self._power, (side, side)), np.float32)
         noise = (self.noise * self.term.factor) ** 2
-        return agreed(image, means, _AGREED * edge, self._reach, self._square, light, noise)
+        tilt, self._bent = agreed(image, means, _AGREED * edge, self._reach, self._square, light, noise)
+        return tilt
 
     def _laws(self, blunt: float) -> tuple[NDArray[np.float64], tuple[float, ...], tuple[float, ...]]:
         factors = [float(o in self.neighbourhood) / np.hypot(*o) for o in NEIGHBOURHOOD[: pairs.PAIRS]]
@@ -235,14 +243,14 @@ class Factored:
         return 0.5 * self.weight * self.term.value(self.z) + float(sums.sum())
 
     def information(self) -> Image:
-        """(rows, columns): inverse variance of φ by data, what these hide, and how far the prior gave way."""
-        out, single = np.empty(self.term.shape[1:], np.float32), np.float32
-        assert self._tilt is not None
+        """(rows, columns): inverse variance of φ, by what the data say and what is hidden in them."""
+        out, told = (np.empty(self.term.shape[1:], np.float32) for _ in range(2))
+        pull, weight = self._work[-1], np.float32(self.weight)
+        self.term.pull(self.z, weight, pull)
+        apart = np.minimum(self._discrepancy(pull), np.float32(_APART))
+        spread(np.exp(np.float32(_TOLD) * apart), told)
+        told *= np.float32(_UNSURE * np.sqrt(max(1.0, _USUALLY / self.term.factor)) / self._reach)
         variance = max(1 / self.weight - MODEL**2, 1e-6 * MODEL**2)
-        support = _SUPPORT * self._reach**2
-        power = support * self._reach**2 * curvature_noise(self._reach)
-        law = single(1 / support), single(power), single(_HIDDEN**2), single(_ERRED**2)
-        data = self.z, self.term.curvature, self._loose, single(1 / variance)
-        curves = self._tilt[0], self._square, apart(self._reach), single(self._reach**2)
-        team.share(kernels.informed, *data, *curves, law, out)
+        data = self.z, self.term.curvature, np.float32(1 / variance)
+        team.share(kernels.informed, *data, self._bent, told, np.float32(_ERRED**2), out)
         return out

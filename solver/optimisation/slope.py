@@ -67,7 +67,7 @@ def agreed(
     measure: NDArray[np.floating],
     light: NDArray[np.floating],
     noise: float,
-) -> NDArray[np.floating]:
+) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     """Slopes of the windows that each pixel agrees with: beside a fold those of its own side.
 
     A window about a pixel reaches over a fold, where two surfaces meet, and foretells a slope that neither
@@ -85,13 +85,18 @@ def agreed(
         measure: as in `slope`.
         light: (rows + 4, columns + 4), about each pixel.
         noise: variance of a fused pixel's data at light 1, in x's unit²; it falls with the light.
+
+    Returns:
+        (1, 2, rows + 4, columns + 4), slopes in x's unit per pixel; (rows, columns), the square of what they
+        change by over the reach, in x's unit per pixel: noise and relief.
     """
-    out, away = np.empty_like(slopes), apart(reach)
+    rows, columns = x.shape[1] - 4, x.shape[2] - 4
+    out, bent, away = np.empty_like(slopes), np.empty((rows, columns), x.dtype), apart(reach)
     share = x.dtype.type(0.5 * (reach / away) ** 2)
     law = away, x.dtype.type(1 / edge**2), share
     image = x[0], slopes[0], measure, light
-    team.share(agreement.choose, *image, x.dtype.type(curvature_noise(reach) * noise), *law, out[0])
-    return out
+    team.share(agreement.choose, *image, x.dtype.type(curvature_noise(reach) * noise), *law, out[0], bent)
+    return out, bent
 
 
 def apart(reach: float) -> int:

@@ -8,7 +8,7 @@ import pytest
 from solver import Fused, FusionOptions, fuse
 from solver.geometry.positions import sample_positions
 from solver.methods.phasor import _run
-from solver.optimisation.discrepancy import eased
+from solver.optimisation.discrepancy import discrepancy, eased
 from solver.optimisation.factored import Factored
 from solver.optimisation.footprint import AreaTerm
 from solver.optimisation.schedule import SCHEDULE, Step
@@ -177,6 +177,21 @@ def test_truth_lies_within_one_deviation_as_often_as_it_should(noise):
     assert (error <= 2 * fused.deviation)[:, 24:32].mean() > 0.8
 
 
+def test_what_is_bright_and_what_is_dim_lie_within_a_deviation_alike():
+    bright = (np.abs(ROW - 11.5) < 8) & (np.abs(COLUMN - 9) < 8)
+    distance = np.where(bright, 1.5 + 0.01 * ROW, 2.5 + 0.04 * COLUMN)
+    within = []
+    for seed in range(4):
+        scene = Scene(distance, np.where(bright, 6000.0, 150.0), seed=seed)
+        fused = scene.fused()
+        exact = cv2.resize(scene.at(RAYS), (112, 96), interpolation=cv2.INTER_AREA)
+        inside = np.abs(fused.distance - exact) <= fused.deviation
+        within.append((inside[28:-28, 16:-56].mean(), inside[8:-8, -28:-4].mean()))
+    near, far = np.mean(within, axis=0)
+    assert 0.5 < near < 0.87
+    assert 0.5 < far < 0.87
+
+
 @pytest.mark.parametrize("noise", [0.5, 1.0])
 @pytest.mark.parametrize("period", [20.0, 26.0])
 def test_what_a_map_smooths_away_of_relief_is_in_its_deviation(period, noise):
@@ -279,7 +294,7 @@ def test_the_prior_gives_way_where_all_samples_pull_one_way_and_stays_where_nois
     fitted = course(scene)
     weight = np.float32(fitted.weight)
 
-    def discrepancy(offset):
+    def apart(offset):
         state = fitted.state.copy()
         state[0], state[1] = 0, np.float32((2.0 + offset) * 2 * np.pi / RANGE)
         z = np.exp(state[:1] + 1j * state[1:])
@@ -287,12 +302,12 @@ def test_the_prior_gives_way_where_all_samples_pull_one_way_and_stays_where_nois
         pull = np.zeros_like(parts)
         fitted.term.pull(parts, weight, pull)
         ease = np.full((32, 36), 2, np.float32)
-        return eased(ease, parts, pull, fitted.term.bend, weight, 4)[6:-6, 6:-6] / 2
+        return eased(ease, discrepancy(parts, pull, fitted.term.bend, weight, 4))[6:-6, 6:-6] / 2
 
     # The truth leaves noise alone, in units of what agrees.
-    assert 1.0 < discrepancy(0.0).mean() < 1.7
+    assert 1.0 < apart(0.0).mean() < 1.7
     sample = NOISE / 3000 * RANGE / (2 * np.pi)
-    assert 3 < discrepancy(sample / 2).mean() < 8  # of twelve frames; at most 10
+    assert 3 < apart(sample / 2).mean() < 8  # of twelve frames; at most 10
 
 
 def test_any_number_of_threads_gives_the_same_bits():

@@ -116,7 +116,7 @@ def test_beside_a_fold_a_pixel_takes_the_slope_of_its_own_side() -> None:
     x = padded(np.where(row < 30, 1.0, 1.0 + 0.5 * (row - 30))[None])
     measure = np.ones_like(x[0])
     about = slope(x, edge=1e3, reach=4.0)
-    found = agreed(x, about, 0.05, 4.0, measure, np.ones_like(measure), 1e-4)
+    found, _ = agreed(x, about, 0.05, 4.0, measure, np.ones_like(measure), 1e-4)
     near = np.s_[0, 0, PAD + 24 : PAD + 29, 12:-12]
     assert about[near].max() > 0.15
     assert np.abs(found[near]).max() < 0.05
@@ -132,7 +132,7 @@ def test_a_plane_of_inverse_distance_has_the_same_slope_in_every_window() -> Non
     measure = np.square(distance[0]) + np.float32(1e-6)
     about = slope(distance, edge=1e3, reach=4.0, measure=measure)
     inner = np.s_[0, 0, 24:-24, 12:-12]
-    found = agreed(distance, about, 1e3, 5.0, measure, np.ones_like(measure), 0.0)
+    found, _ = agreed(distance, about, 1e3, 5.0, measure, np.ones_like(measure), 0.0)
     np.testing.assert_allclose(found[inner], (measure * about)[inner], rtol=0.02)
 
 
@@ -148,10 +148,20 @@ def test_what_a_window_levels_is_put_back_unless_it_may_be_noise() -> None:
         part = found[0, 1, PAD:-PAD, PAD:-PAD][20:-20, 24:-24]
         return float(1 - (part * exact).sum() / (exact**2).sum())
 
-    told, noisy = (agreed(x, about, 1e3, 4.0, one, one, level) for level in (0.0, 100.0))
+    told, noisy = (agreed(x, about, 1e3, 4.0, one, one, level)[0] for level in (0.0, 100.0))
     assert lacking(about) > 0.08
     assert abs(lacking(told)) < 0.03
     assert lacking(noisy) > 1.5 * lacking(about)
+
+
+def test_slopes_change_by_their_second_differences_and_not_at_all_on_a_plane() -> None:
+    column = np.mgrid[:60, :80][1].astype(float)
+    one, away = np.ones((64, 84), np.float32), apart(4.0)
+    for x, change in ((0.3 * column, 0.0), (1e-4 * column**3, 6e-4 * away**2)):
+        image = padded(x[None])
+        about = slope(image, edge=1e3, reach=4.0)
+        _, bent = agreed(image, about, 1e3, 4.0, one, one, 0.0)
+        np.testing.assert_allclose(np.sqrt(bent[30:-30, 30:-30]), change, rtol=1e-3, atol=1e-6)
 
 
 @pytest.mark.parametrize("reach", [8.0, 12.0])
