@@ -20,10 +20,10 @@ def reasons(problem: Problem, distance: NDArray[np.float32], away: NDArray[np.fl
     """
     factor = problem.options.upsampling
     out = np.where(away > factor, np.uint8(FILLED), np.uint8(MEASURED))
-    unknown = np.isnan(distance)
-    rows, columns = np.nonzero(unknown)
-    if rows.size:
-        out[unknown] = _causes(problem, rows // factor, columns // factor)
+    unknown = np.flatnonzero(np.isnan(distance))
+    if unknown.size:
+        rows, columns = np.divmod(unknown, distance.shape[1])
+        out.flat[unknown] = _causes(problem, rows // factor, columns // factor)
     return out
 
 

@@ -45,11 +45,10 @@ class PoseSpace:
 
 def overlap(positions: NDArray[np.float32]) -> float:
     """The share of a frame's pixels (H, W, 2) that look inside the grid."""
-    rows, columns = positions.shape[:2]
-    inside = (
-        (positions > -0.5).all(-1) & (positions[..., 0] < rows - 0.5) & (positions[..., 1] < columns - 0.5)
-    )
-    return float(inside.mean())
+    inside = np.ones(positions.shape[:2], np.bool_)
+    for axis, size in enumerate(positions.shape[:2]):
+        inside &= (positions[..., axis] > -0.5) & (positions[..., axis] < size - 0.5)
+    return np.count_nonzero(inside) / inside.size
 
 
 def central(positions: NDArray[np.float32]) -> NDArray[np.float64]:

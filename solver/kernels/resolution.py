@@ -3,6 +3,8 @@
 import numpy as np
 from numba import njit
 
+from solver.kernels.elementary import exponential, sine_cosine
+
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def resolve(rank, size, logs, phases, seen, mean, scale, unit, cut, least, faint):  # type: ignore[no-untyped-def]
@@ -16,15 +18,15 @@ def resolve(rank, size, logs, phases, seen, mean, scale, unit, cut, least, faint
         faint: part of the mean's |Z|² below which it is lost where it lies over 60° from the mean's.
     """
     rows, columns = logs.shape
-    circle = np.float32(2 * np.pi)
+    circle, half, nothing = np.float32(2 * np.pi), np.float32(0.5), np.float32(np.nan)
     for i in range(rank * rows // size, (rank + 1) * rows // size):
         x, y, n, a, b = logs[i], phases[i], seen[i], mean[0, i], mean[1, i]
         for j in range(columns):
-            length, phase = np.exp(x[j]), y[j]
+            length, phase = exponential(x[j]), y[j]
+            sine, cosine = sine_cosine(phase)
             angle = phase - circle * np.floor((phase - cut) / circle)
             own, around = length * length, a[j] * a[j] + b[j] * b[j]
-            told = n[j] * min(own, around) >= least
-            if own < faint * around:
-                told &= a[j] * np.cos(phase) + b[j] * np.sin(phase) >= np.float32(0.5) * np.sqrt(around)
-            x[j] = angle * scale if told else np.float32(np.nan)
+            astray = (own < faint * around) & (a[j] * cosine + b[j] * sine < half * np.sqrt(around))
+            told = (n[j] * min(own, around) >= least) & ~astray
+            x[j] = angle * scale if told else nothing
             y[j] = length * unit

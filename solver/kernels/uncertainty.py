@@ -3,6 +3,7 @@
 import numpy as np
 from numba import njit
 
+from solver.kernels.elementary import exponential
 from solver.kernels.group import COLUMNS, ROWS
 
 
@@ -133,13 +134,11 @@ def fade(rank, size, away, scale, most, deviation, distance):  # type: ignore[no
         distance: (rows, columns), any unit, in place.
     """
     rows, columns = distance.shape
-    double = np.float32(np.log(2.0))
+    double, nothing = np.float32(np.log(2.0)), np.float32(np.nan)
     for i in range(rank * rows // size, (rank + 1) * rows // size):
         a, s, d = away[i], deviation[i], distance[i]
         for j in range(columns):
-            if a[j] > 0:
-                units = a[j] * scale
-                s[j] *= np.exp(double * min(units, np.float32(20)))
-                if units > most:
-                    s[j] = np.float32(np.nan)
-                    d[j] = np.float32(np.nan)
+            units = a[j] * scale
+            s[j] *= exponential(double * min(units, np.float32(20)))
+            s[j] = s[j] if units <= most else nothing
+            d[j] = d[j] if units <= most else nothing

@@ -55,7 +55,7 @@ def smooth(
     away, labels = _labelled(known)
     filled = values.copy()
     kernels.take(labels, known, filled)
-    rows, columns = np.nonzero(~known & (away <= most))
+    rows, columns = np.divmod(np.flatnonzero(~known & (away <= most)), known.shape[1])
     # As on a chessboard, the black ones first: no pixel then waits for the one before it.
     order = np.argsort((rows + columns) % 2, kind="stable")
     kernels.relax(filled, rows[order], columns[order], _SWEEPS, _OVER)
