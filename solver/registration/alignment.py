@@ -141,19 +141,19 @@ class Alignment:
     def _align_with_reference(self, start: Float) -> None:
         """Refine each frame against the reference alone; search anew where a guess was wrong."""
         self.parameters = start
-        equations = self._refine_pairwise()
+        equations = self._refine_pairwise(self.levels[-1])
         wrong = self._misfits(equations)
         if self.guided and wrong:
             kept = self.parameters
             self.parameters = self._searched(guided=False)
-            again = self._refine_pairwise()
+            again = self._refine_pairwise(self.levels[-1])
             better = np.zeros(self.count, dtype=bool)
             better[list(wrong)] = again.misfit[list(wrong)] < equations.misfit[list(wrong)]
             self.parameters = np.where(better[:, None], self.parameters, kept)
             wrong = {k: why for k, why in wrong.items() if not better[k]}
         if wrong:
             self._seek(list(wrong))
-            still = self._misfits(self._refine_pairwise())
+            still = self._misfits(self._refine_pairwise(self.levels[0]))
             self._reject({k: why for k, why in still.items() if k in wrong})
 
     def _align_together(self) -> Equations:
@@ -176,9 +176,9 @@ class Alignment:
         coarse, shape = self.levels[-1], self.levels[0].shape
         return find_start(coarse, shape, self.reference, self.guess, self.motion, guided)
 
-    def _refine_pairwise(self) -> Equations:
-        """Against the reference alone, on the coarsest level."""
-        points = self._points(self.levels[-1])
+    def _refine_pairwise(self, samples: Samples) -> Equations:
+        """Against the reference alone, on one level."""
+        points = self._points(samples)
         mosaic = self._reference_mosaic(points)
         for _ in range(PAIRWISE):
             equations = self._equations(points, self._place(points), mosaic, ALIASED)

@@ -46,3 +46,28 @@ def test_checks_stay_where_the_stage_says():
     found, off = registered(scene("checks", wall(2.0, texture=checked(0.3, 0.025))), "guess")
     assert not found.rejected
     assert off < 0.05
+
+
+@pytest.mark.parametrize("period", [8, 10])
+def test_checks_without_a_guess_are_judged_where_they_are_sharp(period):
+    """Eight frames within a quarter of a period, of cells that smaller images alias."""
+    random, rays, margin = np.random.default_rng(0), 8, 4
+    rows, columns = ((np.arange((n + 2 * margin) * rays) + 0.5) / rays - margin - 0.5 for n in (40, 56))
+    light = (
+        3000
+        / (1 + np.floor(2 * columns / period) % 2)
+        * (1 - 0.2 * (np.floor(2 * rows / period)[:, None] % 2))
+    )
+    field = light * np.exp(2j * np.pi * (2 + 0.002 * rows[:, None]) / RANGE)
+    steps = np.rint(random.uniform(-2, 2, (8, 2)) * rays).astype(int)
+    steps[0] = 0
+    frames = []
+    for down, right in margin * rays + steps:
+        part = field[down : down + 40 * rays, right : right + 56 * rays]
+        frames.append(part.reshape(40, rays, 56, rays).mean((1, 3)))
+    noises = random.normal(size=(2, 8, 40, 56))
+    phasors = np.array(frames) + 25 * (noises[0] + 1j * noises[1])
+    distance = np.mod(np.angle(phasors), 2 * np.pi) * RANGE / (2 * np.pi)
+    found = register(distance, np.abs(phasors), ambiguity_range=RANGE)
+    assert len(found.rejected) <= 1
+    assert np.abs(found.shifts - steps / rays).max() < 0.2
