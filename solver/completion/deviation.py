@@ -16,11 +16,9 @@ from solver.options import SINGLE
 from solver.preparation.problem import Problem, Solution
 from solver.runtime import team
 
-_LEVEL, _SLOPED = (0.36, 0.15, 0.23), {"area": (0.18, 0.03, 0.03)}
-"""Floor, share of σ / λ, and b: for a prior of first order, and by method for one that lets ramps pass."""
-
-_MIXED = 0.15
-"""b of `area` where samples average phasors: its λ then holds what mixing errs by, and bends slopes more."""
+_LEVEL, _SLOPED = (0.35, 0.14, 0.23, 0.42), {"area": (0.18, 0.03, 0.03, 0.3)}
+"""Floor, share of σ / λ, and b, also where samples average phasors, which displaces edges: for a prior of
+first order, and by method for one that lets ramps pass."""
 
 _BENT = 1.5
 """b where a method knows its variance, and ∇∇X in the place of ∇X: such a one lets ramps pass, and with ∇X
@@ -48,9 +46,8 @@ def deviation(
         team.share(kernels.combine, distance, solution.information, factor, *law, True, out)
         return _faded(problem, away, out, distance)
     usual = problem.usual_deviation if problem.noise else 0.0
-    floor, share, shift = _SLOPED.get(problem.options.method, _LEVEL)
-    if problem.options.method in _SLOPED and problem.ambiguity_range is not None:
-        shift = _MIXED
+    floor, share, *shifts = _SLOPED.get(problem.options.method, _LEVEL)
+    shift = shifts[problem.ambiguity_range is not None]
     relative = solution.relative
     smoothing = 1.0 if relative is None else float(np.hypot(floor, share / relative))
     frames = len(problem.distance) if problem.options.method in SINGLE else 1
