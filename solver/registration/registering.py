@@ -9,6 +9,7 @@ from solver.errors import FusionInputError
 from solver.geometry.points import rotations_to_shifts, shifts_to_rotations
 from solver.registration.alignment import Alignment
 from solver.registration.motion import Motion, Rotation, Shift
+from solver.registration.placement import Placement
 from solver.registration.samples import Source, pyramid, scaling
 
 Float = NDArray[np.float64]
@@ -73,17 +74,12 @@ def register(
     guess = _first_guess(initial, motion, count, shape)
     if count == 1:
         return _result(np.zeros((1, 3)), np.zeros((1, 3, 3)), {}, motion, shape, reference)
-    work = Alignment(
-        pyramid(scaling(images, light, ambiguity_range, source)(images, light)),
-        motion,
-        reference,
-        guess,
-        initial is not None,
-        {},
-    )
-    work.drop_empty()
-    work.align()
-    return _result(work.parameters, work.covariance, work.rejected, motion, shape, reference)
+    levels = pyramid(scaling(images, light, ambiguity_range, source)(images, light))
+    placed = Placement(levels, motion, reference, guess, guided=initial is not None)
+    alignment = Alignment(placed)
+    alignment.drop_empty()
+    alignment.align()
+    return _result(placed.parameters, placed.covariance, placed.rejected, motion, shape, reference)
 
 
 def _first_guess(initial: ArrayLike | None, motion: Motion, count: int, shape: tuple[int, int]) -> Float:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solver.errors import RegistrationError
-from solver.registration.alignment import ALIASED, DENSITY, FEWEST, SMOOTHING
+from solver.registration.alignment import FEWEST
 from solver.registration.equations import POSITION_ERROR, Equations, normal_equations
 from solver.registration.fading import FadingSums
 from solver.registration.fit import OVERLAP
@@ -15,6 +15,7 @@ from solver.registration.grid import Grid
 from solver.registration.misfit import Misfit
 from solver.registration.mosaic import Mosaic, halved
 from solver.registration.motion import Motion, Rotation, Shift
+from solver.registration.placement import ALIASED, DENSITY, SMOOTHING
 from solver.registration.point_samples import Points
 from solver.registration.samples import Samples, Scaling, pyramid, scaling
 from solver.registration.start import find_start

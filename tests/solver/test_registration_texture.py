@@ -48,26 +48,49 @@ def test_checks_stay_where_the_stage_says():
     assert off < 0.05
 
 
-@pytest.mark.parametrize("period", [8, 10])
-def test_checks_without_a_guess_are_judged_where_they_are_sharp(period):
-    """Eight frames within a quarter of a period, of cells that smaller images alias."""
-    random, rays, margin = np.random.default_rng(0), 8, 4
-    rows, columns = ((np.arange((n + 2 * margin) * rays) + 0.5) / rays - margin - 0.5 for n in (40, 56))
-    light = (
-        3000
-        / (1 + np.floor(2 * columns / period) % 2)
-        * (1 - 0.2 * (np.floor(2 * rows / period)[:, None] % 2))
-    )
-    field = light * np.exp(2j * np.pi * (2 + 0.002 * rows[:, None]) / RANGE)
-    steps = np.rint(random.uniform(-2, 2, (8, 2)) * rays).astype(int)
+def shifted(light, span, frames=15, seed=0):
+    """Frames of a slanted wall with light (rows, columns of 8 rays a pixel), and how far each is shifted."""
+    random, rays, margin, size = np.random.default_rng(seed), 8, 4, (56, 64)
+    row, column = (np.arange((n + 2 * margin) * rays) / rays - margin for n in size)
+    row, column = np.meshgrid(row, column, indexing="ij")
+    field = light(row, column) * np.exp(2j * np.pi * (2 + 0.002 * row) / RANGE)
+    steps = np.rint(random.uniform(-span, span, (frames, 2)) * rays).astype(int)
     steps[0] = 0
-    frames = []
+    parts = []
     for down, right in margin * rays + steps:
-        part = field[down : down + 40 * rays, right : right + 56 * rays]
-        frames.append(part.reshape(40, rays, 56, rays).mean((1, 3)))
-    noises = random.normal(size=(2, 8, 40, 56))
-    phasors = np.array(frames) + 25 * (noises[0] + 1j * noises[1])
-    distance = np.mod(np.angle(phasors), 2 * np.pi) * RANGE / (2 * np.pi)
-    found = register(distance, np.abs(phasors), ambiguity_range=RANGE)
-    assert len(found.rejected) <= 1
-    assert np.abs(found.shifts - steps / rays).max() < 0.2
+        part = field[down : down + size[0] * rays, right : right + size[1] * rays]
+        parts.append(part.reshape(size[0], rays, size[1], rays).mean((1, 3)))
+    noises = random.normal(size=(2, frames, *size))
+    phasors = np.array(parts) + 25 * (noises[0] + 1j * noises[1])
+    return np.mod(np.angle(phasors), 2 * np.pi) * RANGE / (2 * np.pi), np.abs(phasors), steps / rays
+
+
+def cells(period):
+    return lambda row, column: np.where(
+        (np.floor(2 * row / period) + np.floor(2 * column / period)) % 2 > 0, 1000, 3000
+    )
+
+
+def lines(period):
+    return lambda row, column: np.where((np.mod(row, period) < 1) | (np.mod(column, period) < 1), 500, 3000)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("light", [cells(24), lines(12)], ids=["checks", "lines"])
+def test_frames_of_hard_edges_are_not_rejected_for_what_falls_between_pixels(light, seed):
+    distance, amplitude, shifts = shifted(light, 1.5, seed=seed)
+    found = register(distance, amplitude, ambiguity_range=RANGE)
+    assert not found.rejected
+    assert np.abs(found.shifts - shifts).max() < 0.15
+
+
+def test_a_mirrored_frame_is_rejected_though_it_is_printed_alike():
+    ink = np.random.default_rng(3).random((120, 120)) < 0.5
+
+    def text(row, column):
+        return np.where(ink[(row / 0.8 + 20).astype(int), (column / 0.8 + 20).astype(int)], 600, 3000)
+
+    distance, amplitude, _ = shifted(text, 1.5)
+    for frame in (5, 8):
+        distance[frame], amplitude[frame] = distance[frame, ::-1], amplitude[frame, ::-1]
+    assert sorted(register(distance, amplitude, ambiguity_range=RANGE).rejected) == [5, 8]

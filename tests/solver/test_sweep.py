@@ -4,10 +4,10 @@ import numba
 import numpy as np
 
 from solver.evaluation import DepthMap, make_trial, procedural_object
-from solver.registration.alignment import DENSITY, SMOOTHING
 from solver.registration.equations import POSITION_ERROR, normal_equations
 from solver.registration.grid import Grid
 from solver.registration.motion import Shift
+from solver.registration.placement import DENSITY, SMOOTHING
 from solver.registration.point_samples import Points
 from solver.registration.samples import Samples, scaling
 from solver.registration.sums import Sums
