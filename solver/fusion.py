@@ -68,7 +68,8 @@ def fuse(
         RegistrationError: no frame could be aligned with frame 0.
 
     Warns:
-        FusionWarning: `max_iterations` was reached before the tolerance.
+        FusionWarning: `max_iterations` was reached before the tolerance; or what the frames show repeats, and
+            no first guess says where they look.
     """
     options = options or FusionOptions()
     checks.check_options(options)
@@ -181,4 +182,11 @@ def _align(
         initial=guess,
         ambiguity_range=ambiguity_range,
     )
+    if found.period is not None and guess is None:
+        warnings.warn(
+            f"all that the frames show repeats after {found.period:.0f} pixels: they are placed within half "
+            "of that; give `initial`, the stage's angles, where they look further away from frame 0",
+            FusionWarning,
+            stacklevel=3,
+        )
     return Poses(found.shifts, found.rotations, {**found.rejected, **empty})

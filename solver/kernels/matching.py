@@ -1,8 +1,10 @@
-"""The whole displacement at which two frames look most alike."""
+"""How much alike two frames look at whole displacements."""
 
 import numpy as np
 from numba import njit
 
+# Deviations at which a difference counts half, so that occlusion edges do not decide. Pooled weights are
+# several times those of a pixel, and edges alias at that level.
 HALF = 30.0
 UNUSED = np.float32(1e32)
 LEAST_OVERLAP = 0.4  # of the frame's used pixels
@@ -36,20 +38,19 @@ def _compare(values, variance, k, reference, dy, dx, stride, buffer):  # type: i
 
 
 @njit(cache=True)
-def search(values, weights, reference, middle, rows, columns, better):  # type: ignore[no-untyped-def]
-    """(N, 2): the displacement of each frame, in whole pixels, at which it is most like the reference.
+def compare(values, weights, reference, middle, costs):  # type: ignore[no-untyped-def]
+    """costs (N, 2 rows + 1, 2 columns + 1) ← how unlike the reference each frame is at each displacement.
+
+    The mean saturating difference, infinite where too little of a frame overlaps the reference.
 
     Args:
         values: (C, N, H, W), in deviations.
         weights: (N, H, W), 1 / variance, 0 = not used.
         reference: number of the frame.
-        middle: (N, 2), where the search is centred, pixels.
-        rows: that it reaches to either side.
-        columns: that it reaches to either side.
-        better: factor on the cost of the middle.
+        middle: (N, 2), the displacement in the middle of the costs, pixels.
     """
     count, height = weights.shape[:2]
-    found = np.zeros((count, 2), dtype=np.int64)
+    rows, columns = costs.shape[1] // 2, costs.shape[2] // 2
     stride = 1 if height < 32 else 2  # every second row is plenty
     # w v / (w + v) = 1 / (1/w + 1/v); a pixel that is not used has a huge variance.
     variance = np.empty_like(weights)
@@ -64,20 +65,9 @@ def search(values, weights, reference, middle, rows, columns, better):  # type: 
                 used[k] += weight > 0.0 and i % stride == 0
     buffer = np.empty(weights.shape[2], dtype=np.float32)
     for k in range(count):
-        if k == reference:
-            continue
-        lowest = np.inf
         for a in range(-rows, rows + 1):
             for b in range(-columns, columns + 1):
                 dy, dx = middle[k, 0] + a, middle[k, 1] + b
                 cost, seen = _compare(values, variance, k, reference, dy, dx, stride, buffer)
-                if seen < LEAST_OVERLAP * used[k] or seen == 0:
-                    continue
-                # A thousandth a pixel settles ties, as in a featureless scene.
-                mean = cost / seen + 0.001 * np.sqrt(float(a * a + b * b))
-                if a == 0 and b == 0:
-                    mean *= better
-                if mean < lowest:
-                    lowest = mean
-                    found[k, 0], found[k, 1] = a, b
-    return found
+                few = seen < LEAST_OVERLAP * used[k] or seen == 0
+                costs[k, rows + a, columns + b] = np.inf if few else cost / seen

@@ -7,7 +7,7 @@ from solver.errors import RegistrationError
 from solver.registration.equations import Equations
 from solver.registration.fit import FITS, OVERLAP, STANDS_OUT, SUSPECT, misfits
 from solver.registration.placement import Placement
-from solver.registration.start import find_start, seek_shifts, start_at
+from solver.registration.start import find_start, period, seek_shifts, start_at
 
 Float = NDArray[np.float64]
 
@@ -16,10 +16,17 @@ SAME = 2.0  # pixels, from where refinement ends in the same place
 
 
 class Alignment:
-    """One registration under way."""
+    """One registration under way.
+
+    Attributes:
+        placed: where the frames are.
+        period: pixels after which the reference repeats itself, so that a search finds one place as well as
+            another; None = it does not.
+    """
 
     def __init__(self, placement: Placement) -> None:
         self.placed = placement
+        self.period = period(placement.levels, placement.reference)
 
     def drop_empty(self) -> None:
         """Reject frames without enough valid pixels."""
@@ -36,7 +43,8 @@ class Alignment:
         A guess that no search improves is refined at once, and so is one with which every frame then fits to
         its noise, whatever a search finds: texture that repeats looks alike in other places too. Only where a
         frame does not fit is each aligned with the reference first; and one that still does not is looked
-        for pixel by pixel before it is rejected.
+        for pixel by pixel before it is rejected. Where all repeats, nothing is searched further than half a
+        period away.
         """
         found = self._searched(self.placed.guided)
         trusted = self.placed.guided and bool((found == self.placed.guess).all())
@@ -93,6 +101,9 @@ class Alignment:
 
     def _seek(self, frames: list[int]) -> None:
         """Start frames anew from where they resemble the reference most, at full resolution."""
+        if self.period is not None:
+            self.placed.parameters[frames] = self._searched(self.placed.guided)[frames]
+            return
         shifts = seek_shifts(self.placed.levels[0], self.placed.reference, frames)
         self.placed.parameters[frames] = start_at(shifts, self.placed.levels[0].shape, self.placed.motion)
 
@@ -101,7 +112,7 @@ class Alignment:
         self.placed.parameters = start
         equations = self.placed.refine_pairwise(self.placed.levels[-1])
         wrong = self._misfits(equations)
-        if self.placed.guided and wrong:
+        if self.placed.guided and wrong and self.period is None:
             kept = self.placed.parameters
             self.placed.parameters = self._searched(guided=False)
             again = self.placed.refine_pairwise(self.placed.levels[-1])
@@ -111,13 +122,18 @@ class Alignment:
             wrong = {k: why for k, why in wrong.items() if not better[k]}
         if wrong:
             self._seek(list(wrong))
-            equations = self.placed.refine_pairwise(self.placed.levels[0])
-            still = {k: why for k, why in self._misfits(equations).items() if k in wrong}
-            self._reject(self._foreign(still, equations))
+            coarse = self._misfits(self.placed.refine_pairwise(self.placed.levels[-1]))
+            still = {k: why for k, why in coarse.items() if k in wrong}
+            if still:
+                kept = self.placed.parameters
+                sharp = self.placed.refine_pairwise(self.placed.levels[0])
+                self._reject(self._foreign(still, sharp))
+                self.placed.parameters = kept
 
     def _searched(self, guided: bool) -> Float:
-        coarse, shape = self.placed.levels[-1], self.placed.levels[0].shape
-        return find_start(coarse, shape, self.placed.reference, self.placed.guess, self.placed.motion, guided)
+        placed = self.placed
+        levels = placed.levels[-1], placed.levels[0].shape
+        return find_start(*levels, placed.reference, placed.guess, placed.motion, guided, self.period)
 
     def _misfits(self, equations: Equations, most: float = STANDS_OUT) -> dict[int, str]:
         others = self.placed.active

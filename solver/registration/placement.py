@@ -29,7 +29,8 @@ PAIRWISE, COARSE, FINE = 4, 4, 4  # steps at most
 BENT_RELAXATION, BENT_FINE, BENT_STEP = 1.4, 6, 0.02  # where edges count for less, steps fall shorter
 ENOUGH = 0.5  # pixels
 SMOOTHING = 3.0  # λ; a tenth lets noise into the mosaic and biases high noise, ten times blurs it
-ASIDE = 0.85  # of the residual a pixel aside: frames of the scene have up to 0.75, others 0.95
+ASIDE = 0.9  # of the residual a pixel aside: frames of the scene have up to 0.88, others 0.95 and more
+MOST = 3.0  # deviations; frames of the scene have up to 2.8, noise on its print 3.1
 SWEEPS = 2  # per Gauss–Newton step; six times as many change nothing
 
 
@@ -110,7 +111,8 @@ class Placement:
             moved = self.parameters + np.array([*aside, 0]) * self.motion.unit()
             equations = self._equations(own, self.motion.place(own, moved), mosaic, POSITION_ERROR)
             misfits.append(equations.misfit)
-        fits = misfits[0] < ASIDE * np.mean(misfits[1:], axis=0)
+        here, beside = misfits[0], np.mean(misfits[1:], axis=0)
+        fits = (here < ASIDE * beside) & (here < MOST)
         return [k for k in suspects if fits[k]]
 
     def apart(self, before: Float) -> float:

@@ -1,6 +1,6 @@
 """Where the frames look: the entrance to registration, and what it finds."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,12 +28,15 @@ class Registration:
         uncertainty: (N, 2) one standard deviation of the displacement at the image centre, in pixels.
         rejected: reason by frame number for the frames that do not fit; their shifts are no better than the
             first guess.
+        period: pixels after which all that the frames show repeats, so that only a guess tells where one
+            looks that is half of that away; None = it does not.
     """
 
     shifts: Float
     rotations: Float | None
     uncertainty: Float
     rejected: dict[int, str] = field(default_factory=dict)
+    period: float | None = None
 
 
 def register(
@@ -79,7 +82,8 @@ def register(
     alignment = Alignment(placed)
     alignment.drop_empty()
     alignment.align()
-    return _result(placed.parameters, placed.covariance, placed.rejected, motion, shape, reference)
+    found = _result(placed.parameters, placed.covariance, placed.rejected, motion, shape, reference)
+    return replace(found, period=alignment.period)
 
 
 def _first_guess(initial: ArrayLike | None, motion: Motion, count: int, shape: tuple[int, int]) -> Float:

@@ -12,6 +12,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks" / "battery"))
 from parts import checked, printed, scene, stairs, wall
 from rig import BASE, FOCAL, RANGE, capture, look
 
+from solver import FusionOptions, FusionWarning, fuse
 from solver.registration import register
 
 
@@ -84,13 +85,39 @@ def test_frames_of_hard_edges_are_not_rejected_for_what_falls_between_pixels(lig
     assert np.abs(found.shifts - shifts).max() < 0.15
 
 
-def test_a_mirrored_frame_is_rejected_though_it_is_printed_alike():
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_mirrored_frames_and_noise_are_rejected_though_printed_alike(seed):
     ink = np.random.default_rng(3).random((120, 120)) < 0.5
 
     def text(row, column):
         return np.where(ink[(row / 0.8 + 20).astype(int), (column / 0.8 + 20).astype(int)], 600, 3000)
 
-    distance, amplitude, _ = shifted(text, 1.5)
+    distance, amplitude, _ = shifted(text, 1.5, seed=seed)
     for frame in (5, 8):
         distance[frame], amplitude[frame] = distance[frame, ::-1], amplitude[frame, ::-1]
-    assert sorted(register(distance, amplitude, ambiguity_range=RANGE).rejected) == [5, 8]
+    distance[11] = np.random.default_rng(0).uniform(1, 3, distance[11].shape)
+    assert sorted(register(distance, amplitude, ambiguity_range=RANGE).rejected) == [5, 8, 11]
+
+
+@pytest.mark.parametrize("light", [cells(16), lines(8)], ids=["checks", "lines"])
+def test_what_repeats_is_placed_within_half_a_period_and_said(light):
+    distance, amplitude, shifts = shifted(light, 2.4)
+    found = register(distance, amplitude, ambiguity_range=RANGE)
+    assert found.period is not None
+    assert 8 <= found.period <= 16
+    assert not found.rejected
+    assert np.abs(found.shifts - shifts).max() < 0.3
+    with pytest.warns(FusionWarning, match="repeats after"):
+        fuse(distance, amplitude, ambiguity_range=RANGE, options=FusionOptions(method="nearest"))
+    assert register(distance, amplitude, initial=shifts, ambiguity_range=RANGE).period == found.period
+
+
+def test_a_scene_with_one_thing_in_it_does_not_repeat():
+    def light(row, column):
+        thing = np.hypot(row - 30, column - 20) < 6
+        return np.where(thing, 2000, cells(16)(row, column))
+
+    distance, amplitude, shifts = shifted(light, 3.5)
+    found = register(distance, amplitude, ambiguity_range=RANGE)
+    assert found.period is None
+    assert np.abs(found.shifts - shifts)[[k for k in range(15) if k not in found.rejected]].max() < 0.3
