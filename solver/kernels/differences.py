@@ -70,46 +70,6 @@ def mixed_differences(distance, inverse, ambiguity):  # type: ignore[no-untyped-
     return ratios[:count], scales[:count]
 
 
-@njit(fastmath={"contract", "reassoc", "nsz"})
-def _stand(here, there, own, other, most, sums):  # type: ignore[no-untyped-def]
-    """Add a row's steps that stand out to sums[0], their squares to sums[1], the number of all to sums[2]."""
-    n = there.size
-    a, b, s, t = here[:n], there[:n], own[:n], other[:n]
-    total, squares, count = np.float32(0), np.float32(0), np.float32(0)
-    none, never = np.float32(0), np.float32(np.inf)
-    for j in range(n):
-        step, variance = abs(b[j] - a[j]), s[j] * s[j] + t[j] * t[j]
-        known = (step < never) & (variance < never)
-        stood = step if known & (step * step > most * variance) else none
-        total += stood
-        squares += stood * stood
-        count += np.float32(1) if known else none
-    sums[0] += total
-    sums[1] += squares
-    sums[2] += count
-
-
-@njit(cache=True)
-def standing(distance, sigma, picked, most):  # type: ignore[no-untyped-def]
-    """(2, 3): of the steps down and across in the picked frames of (N, H, W) sum, sum of squares and number.
-
-    Steps between two known samples count, those of at most `most` deviations of themselves as none.
-
-    Args:
-        distance: (N, H, W), metres or any unit.
-        sigma: (N, H, W), deviations in distance's unit.
-        picked: (n,), numbers of frames.
-    """
-    rows, sums, square = distance.shape[1], np.zeros((2, 3)), np.float32(most * most)
-    for k in picked:
-        d, s = distance[k], sigma[k]
-        for i in range(rows):
-            if i + 1 < rows:
-                _stand(d[i], d[i + 1], s[i], s[i + 1], square, sums[0])
-            _stand(d[i], d[i, 1:], s[i], s[i, 1:], square, sums[1])
-    return sums
-
-
 @njit(cache=True, error_model="numpy")
 def light(distance, amplitude, noise, threshold, sigma, lit):  # type: ignore[no-untyped-def]
     """sigma ← noise / amplitude, lit ← distance where the amplitude reaches the threshold; all (n,).

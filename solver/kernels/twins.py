@@ -70,13 +70,13 @@ def _differences(samples, ambiguity, apart):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, cache=True)
-def assign(rank, size, scatter, positions, least, sigma):  # type: ignore[no-untyped-def]
-    """sigma (N, H, W) ← the deviation (H, W) on the pixel that a sample falls on, `least` or more; by a team.
+def assign(rank, size, scatter, positions, usual, sigma):  # type: ignore[no-untyped-def]
+    """sigma (N, H, W) ← the deviation (H, W) on the pixel that a sample falls on; by a team.
 
     Args:
-        scatter: (H, W), deviations, any unit.
+        scatter: (H, W), deviations, any unit, 0 = the usual one.
         positions: (N, H, W, 2), pixels of frame 0.
-        least: deviation, also that of samples off the grid.
+        usual: deviation, also that of samples off the grid.
         sigma: (N, H, W), in scatter's unit ←.
     """
     frames, rows, columns = sigma.shape
@@ -85,4 +85,5 @@ def assign(rank, size, scatter, positions, least, sigma):  # type: ignore[no-unt
         k, i = line // rows, line % rows
         find(positions[k, i], rows, columns, places)
         for j in range(columns):
-            sigma[k, i, j] = max(on_grid[places[j]], least) if places[j] >= 0 else least
+            known = places[j] >= 0 and on_grid[places[j]] > 0
+            sigma[k, i, j] = on_grid[places[j]] if known else usual

@@ -3,9 +3,9 @@
     E(X) = Σ_k ‖Ω_k^½ (y_k − A_k X)‖² + λ Σ ‖∇X‖₂
 
 y are distances, those at edges as they would be if a pixel averaged distances where it averages phasors (see
-`solver.preparation.unmixing`). Ω weighs samples by their noise, relative to the median's, so that λ stays in
-units of distance, and by its power 3/2, as λ goes by it: so every sample is smoothed as if all were as noisy
-as it is. E is solved once; two more passes know its edges and slopes (see `solver.optimisation.reweighting`).
+`solver.preparation.unmixing`). Ω weighs samples by their deviations, the median's over their own, so that λ
+stays in units of distance, and what is n times as noisy is smoothed as by a λ n times as large. E is solved
+once; two more passes know its edges and slopes (see `solver.optimisation.reweighting`).
 """
 
 from functools import partial
@@ -20,27 +20,21 @@ from solver.optimisation.prior import Prior
 from solver.optimisation.reweighting import Reweighting, Trail, Unit, minimise_reweighted, resume
 from solver.optimisation.term import start
 from solver.optimisation.ties import Tied
+from solver.preparation import noise as noise_law
 from solver.preparation.consensus import LOST
-from solver.preparation.noise import relief
 from solver.preparation.problem import Problem, Solution
 from solver.result import Progress
 
-_NOISE, _FRAMES, _FACTOR, _CLEAN = 15.0, 15, 4, 0.0006
-"""λ = √(N / 15) σ √(σ / (15 · relief)), and at least 0.0006 of the scene's range for noise-free frames, times
-√(4 / β). The power 3/2 is set by trial; it lies between the σ of a discrepancy rule and the σ² of a Laplacian
-prior. So is the relief (see `solver.preparation.noise`), in place of which the scene's range is worse for
-detailed objects, and the root of β: that fewer samples fall on a finer pixel asks for 1 / β, fine relief for
-none. The noise in a sum over N frames grows with √N: with a λ that does not, many frames are smoothed too
-little where it is dim, and few frames too much."""
+_NOISE, _FRAMES, _FACTOR, _WIDE = 1.8, 15, 4, 100.0
+"""λ = 1.8 n (n / R)^¼ √(N / 15) √(4 / β), n = √(σ² + mixing²), R the ambiguity range, or a hundred times the
+scene's where there is none. The noise in a sum over the N / β² samples of a fused pixel asks for √N / β, fine
+relief for no β. The power of n is set by trial; it lies between the 1 of a discrepancy rule and the 2 of a
+Laplacian prior. What the scene is like does not enter: over the tuning scenes λ follows neither the height of
+their steps nor how many there are."""
 
-_MIXING, _HIGH = 0.01, 0.5
-"""Of a step, where an ambiguity range says that samples average phasors: what the average of distances errs
-by; and of the scene's range, the highest step, as noise may look like one. It counts as noise that no number
-of frames lowers: √N times as much of each sample. Without it less noise makes thin things worse, and without
-√N more frames a dark floor; with the range in place of the step, clean stairs are smoothed far too much."""
-
-_SMOOTH = 0.01
-"""Of the scene's range, the least relief: a scene without edges is not smoothed without bounds."""
+_MIXING_LIT, _MIXING = 0.006, 0.012
+"""Of the scene's range: what a sample errs by without noise, as it is mixed at edges, where the lights are
+known or samples average distances, and where neither is."""
 
 _PASSES, _GAIN, _EPSILON, _EDGE = 2, 2.5, 0.12, 0.025
 """Reweighting; ε and edge in units of the scene's range. One weighted pass is worse, a third no better."""
@@ -49,10 +43,9 @@ _TIE, _ACROSS = 0.1, 0.055
 """Ties: the ‖∇X − s‖ at which the prior is as stiff, and δ, in units of the scene's range. Both
 are set by trial."""
 
-_DOUBT, _ERRING = 5.0, 0.025
-"""Deviations of a usual sample, and n^¾ as many of one that is n times as noisy, and part of the scene's
-range, that a sample may differ from the first map. Clean bursts of two
-depth maps and two recordings have hardly a sample beyond; the optimum is flat."""
+_DOUBT, _ERRING = 10.0, 0.025
+"""Deviations of a usual sample, and √n as many of one that is n times as noisy, and part of the scene's
+range, that a sample may differ from the first map. From 5 to 14 deviations hardly matter."""
 
 _SETTLED = 0.02
 """Tolerance of the passes before the last, which need no more than to find the edges."""
@@ -156,18 +149,13 @@ def _plan(problem: Problem, term: AreaTerm, strength: float) -> Reweighting:
 def _strength(problem: Problem, used: NDArray[np.bool_]) -> float:
     if problem.options.regularization != "auto":
         return float(problem.options.regularization)
-    extent = problem.spread
-    noise = problem.usual_deviation * float(np.cbrt(len(problem.distance) / _FRAMES))
-    mean_step, height = relief(problem.distance, problem.sigma)
-    if problem.ambiguity_range is not None:
-        mixed = _MIXING * min(height, _HIGH * extent)
-        noise = float(np.hypot(noise, mixed * np.sqrt(len(problem.distance))))
     scale = max(float(np.abs(problem.distance[used]).max()), float(np.finfo(np.float32).tiny))
-    if extent <= 1e-6 * scale:
-        return max(noise, 1e-6 * scale)
-    steps = max(mean_step, _SMOOTH * extent)
-    finer = np.sqrt(_FACTOR / problem.options.upsampling)
-    return float(finer * np.hypot(noise * np.sqrt(noise / (_NOISE * steps)), _CLEAN * extent))
+    extent = max(noise_law.spread(problem.sure()), 1e-6 * scale)
+    told = problem.amplitude is not None or problem.ambiguity_range is None
+    noise = float(np.hypot(problem.usual_deviation, (_MIXING_LIT if told else _MIXING) * extent))
+    share = (noise / (problem.ambiguity_range or _WIDE * extent)) ** 0.25
+    samples = (len(problem.distance) / _FRAMES) * (_FACTOR / problem.options.upsampling)
+    return float(_NOISE * noise * share * np.sqrt(samples))
 
 
 def _weights(
@@ -180,8 +168,7 @@ def _weights(
     if problem.ambiguity_range is not None:
         kept = used & (sigma <= problem.ambiguity_range / LOST)
         used = kept if _any_within(problem, kept, problem.ambiguity_range / LOST) else used
-    ratio = np.float32(usual) / deviation
-    return np.where(used, ratio * np.sqrt(ratio), np.float32(0))
+    return np.where(used, np.float32(usual) / deviation, np.float32(0))
 
 
 def _any_within(problem: Problem, kept: NDArray[np.bool_], most: float) -> bool:

@@ -31,6 +31,9 @@ dark print; half as much beyond the bounds takes 20 true ones off the thin wedge
 LOST = 12.0
 """A sample that deviates by over a twelfth of the ambiguity range may say anything: it has no vote."""
 
+SURE = 0.5
+"""Of the deviation from which a sample is lost: one in three thousand that get no light seems surer."""
+
 _GAP = 5
 """Pixels across which samples left out are joined: at an edge behind somebody, too much is allowed."""
 

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.kernels import shares as kernels
+from solver.preparation.consensus import SURE
 from solver.preparation.counts import Samples, around, clear, same_paint
 from solver.runtime import team
 
@@ -30,9 +31,6 @@ Image = NDArray[np.float32]
 
 _RANK = 3
 """Two samples on a pixel may be wrong; of three or four frames one."""
-
-_SURE = 0.5
-"""Of the deviation from which a sample is lost: one in three thousand that get no light seems surer."""
 
 _DOUBT = 3.0
 """A sample counts where so many deviations span the way from near to far, but not where half do: noise alone
@@ -57,7 +55,7 @@ def ends(
     rank = min(_RANK, (len(distance) + 1) // 2)
     away = -NormalDist().inv_cdf((rank - 0.5) / len(distance))
     outer = np.empty((2, rank, *distance.shape[1:]), np.float32)
-    law = np.float32(_SURE * lost), np.float32(away)
+    law = np.float32(SURE * lost), np.float32(away)
     team.share(kernels.outermost, distance, sigma, *law, positions, outer)
     square = np.ones((3, 3), np.uint8)
     near, far = cv2.erode(outer[0, -1], square), -cv2.erode(outer[1, -1], square)

@@ -10,7 +10,6 @@ _CORE, _CORE_SQUARE = 1.5, 0.55158  # deviations; the mean square of a normal va
 _ROUNDS = 50  # of a fixed point that some ten reach, unless there is no noise
 _BANDS = 16  # of light: enough to part sky from ground, and each with enough differences for a median
 _FOLDED = 0.11  # of the range: the median of |normal variables| of which it holds ±3 deviations
-_STANDS = 2.5  # deviations from which a step is one of the scene's: of noise alone, one in eighty is
 _ENOUGH = 20_000  # values for a median or a percentile to a per cent
 _FRAMES = 5  # enough samples for a median to a per cent, at a bounded cost
 
@@ -102,16 +101,6 @@ def spread(distance: NDArray[np.float32]) -> float:
     """The range of the distances without the outermost 2 % at either end: the scene's, not the outliers'."""
     ranked = np.sort(_thinned(distance, distance))
     return _quantile(ranked, 0.98) - _quantile(ranked, 0.02)
-
-
-def relief(distance: NDArray[np.float32], sigma: NDArray[np.float32]) -> tuple[float, float]:
-    """The mean of all steps between neighbouring pixels, and the usual height of one.
-
-    Steps that do not stand out of their noise count as none; the others count by their height.
-    """
-    total, squares, count = kernels.standing(distance, sigma, _picked(len(distance)), _STANDS).T
-    height = float(squares.sum() / total.sum()) if total.any() else 0.0
-    return float((total / np.maximum(count, 1)).mean()), height
 
 
 def _picked(count: int) -> NDArray[np.int64]:

@@ -11,7 +11,7 @@ from solver.optimisation.factored import Factored
 from solver.optimisation.reweighting import Trail
 from solver.options import FusionOptions
 from solver.preparation import noise as noise_law
-from solver.preparation.consensus import LOST, Consensus
+from solver.preparation.consensus import LOST, SURE, Consensus
 from solver.preparation.unmixing import Unmixing
 from solver.result import Progress
 from solver.runtime import team
@@ -34,7 +34,7 @@ class Problem:
         threshold: the amplitude under which samples were left out; 0 = none were.
         cut: the distance under which samples lie beyond the range, and were brought there; see `wrapping`.
         consensus: what the frames say together; None where that is not asked, see `preparation.prepare`.
-        scatter: (H, W), deviations where they exceed `noise` and no amplitude tells them, else 0, or None.
+        scatter: (H, W), deviations where far from `noise` and no amplitude tells them, else 0, or None.
         exchanged: numbers of the frames that alone have changed since it was solved last; empty = all.
     """
 
@@ -85,10 +85,17 @@ class Problem:
             precision,
         )
 
+    def sure(self) -> NDArray[np.float32]:
+        """The distances without those that may be of no light at all, unless all may; NaN in their place."""
+        if self.ambiguity_range is None:
+            return self.distance
+        kept = np.where(self.sigma <= SURE * self.ambiguity_range / LOST, self.distance, np.float32(np.nan))
+        return kept if np.isfinite(kept).any() else self.distance
+
     @cached_property
     def usual_deviation(self) -> float:
-        """The median of sigma over the used samples, never 0; of those at first, where frames change."""
-        return noise_law.usual_deviation(self.distance, self.sigma)
+        """The median of sigma over the sure samples, never 0; of those at first, where frames change."""
+        return noise_law.usual_deviation(self.sure(), self.sigma)
 
     @cached_property
     def usual_light(self) -> float:

@@ -31,8 +31,9 @@ LEAST = 8
 """Samples on a pixel that tell: of fewer the nearest pairs lie apart, and a slope is taken for noise."""
 
 _STANDS = 2.0
-"""Times the usual noise, from which another one is believed: of fifteen frames it is known to a fifth or so,
-and where it is taken for more than it is, the map is smoothed more."""
+"""Times the usual noise, from which another one is believed, or down to as many times less: of fifteen frames
+it is known to a fifth or so, and where it is taken for more than it is, the map is smoothed more. It is less
+where things are lit and most of the view is dark or empty."""
 
 
 def scatter(distance: Image, positions: Image, noise: float, ambiguity_range: float) -> Image:
@@ -45,7 +46,8 @@ def scatter(distance: Image, positions: Image, noise: float, ambiguity_range: fl
     law = np.float32(ambiguity_range), LEAST, _QUARTILE
     team.share(kernels.compare, distance, positions, *law, found)
     found = np.asarray(cv2.medianBlur(found, _SIDE)) * np.float32(_TO_SIGMA)
-    return np.where(found > _STANDS * noise, found, np.float32(0))
+    usual = (found >= np.float32(noise / _STANDS)) & (found <= np.float32(_STANDS * noise))
+    return np.where(usual, np.float32(0), found)
 
 
 def assign(scatter: Image, positions: Image, noise: float, sigma: Image) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from solver.evaluation import DepthMap, make_trial, procedural_object
-from solver.preparation.noise import estimate, relief
+from solver.preparation.noise import estimate
 
 
 @pytest.mark.parametrize("share", [0.0, 0.05, 0.3])
@@ -68,16 +68,3 @@ def test_fine_relief_is_hardly_taken_for_noise(variance: float) -> None:
 def test_fine_relief_without_noise_is_none() -> None:
     trial = make_trial(DepthMap(procedural_object(), oversampling=2), variance=0, seed=0)
     assert estimate(trial.distance, None) < 1e-3
-
-
-@pytest.mark.parametrize("noise", [0.0, 0.001])
-def test_stairs_are_as_high_as_their_steps_and_not_as_all_of_them(noise: float) -> None:
-    stairs = np.broadcast_to(0.04 * (np.arange(64) // 8), (5, 64, 64))
-    distance = (2 + stairs + noise * np.random.default_rng(2).normal(size=stairs.shape)).astype(np.float32)
-    mean, height = relief(distance, np.full(distance.shape, noise, np.float32))
-    assert height == pytest.approx(0.04, rel=0.05)
-    assert mean == pytest.approx(0.04 * 7 / 63 / 2, rel=0.1)
-
-
-def test_a_flat_wall_has_no_steps() -> None:
-    assert relief(np.full((3, 9, 9), 2, np.float32), np.zeros((3, 9, 9), np.float32)) == (0.0, 0.0)

@@ -57,6 +57,18 @@ def test_a_phase_that_is_lost_is_told_as_well() -> None:
     assert not found[:, :13].any()
 
 
+def test_what_is_lit_is_less_noisy_than_an_empty_sky_of_which_the_usual_sample_is() -> None:
+    shifts, positions, random = placed(15)
+    distance = random.uniform(0, RANGE, (15, ROWS, COLUMNS)).astype(np.float32)
+    lit = np.s_[:, 6:18, 4:20]
+    distance[lit] = 2 + NOISE * random.normal(size=distance[lit].shape)
+    found = scatter(distance, positions, 0.7, RANGE)
+    assert np.median(found[9:15, 7:17]) == pytest.approx(NOISE, rel=0.3)
+    options = FusionOptions(method="area")
+    fused = fuse(distance, shifts=shifts, options=options, noise=0.7, ambiguity_range=RANGE)
+    assert np.abs(fused.distance[36:60, 28:68] - 2).max() < NOISE
+
+
 @pytest.mark.parametrize(("frames", "noise"), [(15, NOISE), (15, NOISE / 4), (40, NOISE)])
 def test_without_amplitude_dark_things_are_better_than_in_one_frame(frames: int, noise: float) -> None:
     distance, shifts, _ = dark_box(frames, noise)
