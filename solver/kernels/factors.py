@@ -87,8 +87,8 @@ def informed(rank, size, z, bend, weight, bent, told, least, out):  # type: igno
         z: (2, rows + 4, columns + 4), the phasors.
         bend: (rows + 4, columns + 4), padded by 2, what data say of a constant φ at |Z| = 1, over `weight`.
         weight: a number.
-        bent: (rows, columns), radian², how much slopes change around.
-        told: (rows, columns).
+        bent: (rows, columns), radian², the squared second differences of slopes around.
+        told: (rows, columns), a factor, the larger the further samples and map are apart.
         least: radian².
         out: (rows, columns), 1 / radian².
     """

@@ -156,7 +156,8 @@ def descend(  # type: ignore[no-untyped-def]
     low = top if rank == 0 else min(top + reach, end)
     high = end if rank == size - 1 else max(end - reach, low)
     kept = rings(2, n, taps, reach)
-    turned = np.zeros((2, STRIP + 2 * reach + 2, n + 4), p.dtype)
+    # Taps that are zero may read one number beyond the padding: behind the last row there would be no image.
+    turned = np.zeros((2, STRIP + 2 * reach + 2, n + 5), p.dtype)
     step = kind(0), kind(resumed), kind(not resumed)
     for _ in range(rounds):
         for i in range(top, end):

@@ -99,7 +99,7 @@ _MOST = np.array([0.7, 0.3])
 
 _UNSURE, _TOLD, _APART = 0.014, 3.2, 1.25
 """The variance of φ is 0.014 exp(3.2 D) n^¾ x^¼, by trial: n is the noise of the samples over a square of the
-reach, x the square of what the slope changes by over the reach, times the reach, and D the discrepancy, 1.25
+reach, x the squared second differences of the slopes, times the reach, and D the discrepancy, 1.25
 at most: x tells the rest; it is times √(4 / β) under β = 4, where D is less. A map that is smoothed best errs
 about alike by noise and by relief that is lost, and both grow with either. By n alone it would be too sure
 where it is bright and too timid where it is dim."""

@@ -87,8 +87,8 @@ def agreed(
         noise: variance of a fused pixel's data at light 1, in x's unit²; it falls with the light.
 
     Returns:
-        (1, 2, rows + 4, columns + 4), slopes in x's unit per pixel; (rows, columns), the square of what they
-        change by over the reach, in x's unit per pixel: noise and relief.
+        (1, 2, rows + 4, columns + 4), slopes in x's unit per pixel; (rows, columns), the squared second
+        differences of `slopes` between the windows, in x's unit per pixel: noise and relief.
     """
     rows, columns = x.shape[1] - 4, x.shape[2] - 4
     out, bent, away = np.empty_like(slopes), np.empty((rows, columns), x.dtype), apart(reach)

@@ -29,7 +29,7 @@ PAIRWISE, COARSE, FINE = 4, 4, 4  # steps at most
 BENT_RELAXATION, BENT_FINE, BENT_STEP = 1.4, 6, 0.02  # where edges count for less, steps fall shorter
 ENOUGH = 0.5  # pixels
 SMOOTHING = 3.0  # λ; a tenth lets noise into the mosaic and biases high noise, ten times blurs it
-ASIDE = 0.9  # of the residual a pixel aside: frames of the scene have up to 0.88, others 0.95 and more
+ASIDE = 0.88  # of the residual a pixel aside: most frames of the scene have less, others 0.9 or more
 MOST = 3.0  # deviations; frames of the scene have up to 2.8, noise on its print 3.1
 SWEEPS = 2  # per Gauss–Newton step; six times as many change nothing
 

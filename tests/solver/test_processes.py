@@ -61,6 +61,32 @@ def test_a_process_that_was_forked_or_spawned_fuses_alike(tmp_path: Path, how: s
     np.testing.assert_array_equal(here, there)
 
 
+FINE = """
+import numpy as np
+from solver import FusionOptions, fuse
+
+distance, light = np.full((1, 3, 3), 2, np.float32), np.full((1, 3, 3), 1000, np.float32)
+for factor in 1, 5:
+    options = FusionOptions(method="phasor", upsampling=factor, max_iterations=1)
+    fuse(distance, light, options=options, ambiguity_range=7.5)
+"""
+
+
+def test_no_row_of_taps_reads_beyond_an_image(tmp_path: Path) -> None:
+    """Compiled, what lies there may be NaN, of which zero times is one; plain, it is an error.
+
+    Taps are walked by four: of one or five of them, three are zero and read furthest.
+    """
+    script = tmp_path / "script.py"
+    script.write_text(FINE)
+    subprocess.run(
+        [sys.executable, str(script)],
+        env={**os.environ, "PYTHONPATH": str(ROOT), "NUMBA_DISABLE_JIT": "1"},
+        check=True,
+        timeout=300,
+    )
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(1000)
 def test_where_compiling_is_switched_off_the_map_is_the_same_and_it_is_said(tmp_path: Path) -> None:
