@@ -74,7 +74,7 @@ def fuse_recording(
     with ExitStack() as stack:
         writer = None
         if output is not None:
-            writer = stack.enter_context(RecordingWriter(output, recording.metadata))
+            writer = stack.enter_context(RecordingWriter(output, recording.metadata, whole=True))
             _copy_attachments(recording, writer)
         for burst in recorded_bursts(recording, settings, calibration):
             try:
