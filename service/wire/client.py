@@ -1,7 +1,7 @@
 """Talking to a running service: its latest values, and its messages as they come."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -97,7 +97,11 @@ class Client:
             CommandError: it was refused, and nothing changed; of a class of its own for each code.
             RemoteError: no service, or no answer in time.
         """
-        return self._asking.ask(name, timeout, {"action": action, **arguments})
+        return self.ask(name, {"action": action, **arguments}, timeout)
+
+    def ask(self, name: str, request: Mapping[str, Any], timeout: float = 60.0) -> Answer:
+        """As `command`, of a request as it is sent: its fields may have any name, also `timeout`."""
+        return self._asking.ask(name, timeout, dict(request))
 
     def close(self) -> None:
         """Close the connection and all subscriptions."""
