@@ -15,7 +15,7 @@ import zenoh.ext
 
 from drivers.documents import parse_json
 from drivers.messages import CAMERA_CALIBRATION
-from service.errors import RemoteError
+from service.errors import RemoteError, SessionError
 from service.messages.decoding import Received, decode
 from service.messages.receipt import RECEIPT, Receipt
 from service.messages.topics import ALIVE, FUSED_CALIBRATION, FUSED_DEPTH_MM, TOPICS, Congestion, Topic
@@ -59,7 +59,7 @@ class Client:
             `CommandError`.
 
     Raises:
-        SessionError: the endpoint is not one, or the file cannot be used.
+        SessionError: the endpoint or the prefix is not one, or the file cannot be used.
     """
 
     def __init__(
@@ -71,6 +71,12 @@ class Client:
         receipts: bool = False,
     ) -> None:
         self._endpoint, self._prefix, self._receipts = endpoint, prefix, receipts
+        try:
+            zenoh.KeyExpr(prefix)
+        except zenoh.ZError as error:
+            raise SessionError(
+                f"the prefix {prefix!r} is no key; expected one like {DEFAULT_PREFIX}"
+            ) from error
         self._resources = ExitStack()
         file = None if config is None else Path(config)
         self._session = self._resources.enter_context(open_session((), (endpoint,), file))
