@@ -14,8 +14,8 @@ from drivers.errors import RecordingError
 LENS_TERMS = (4, 5, 8, 12, 14)
 """How many terms OpenCV's lens model may have."""
 
-_Metres = Annotated[float, Field(ge=-1000, le=1000)]
-_Radians = Annotated[float, Field(ge=-100, le=100)]
+Metres = Annotated[float, Field(ge=-1000, le=1000)]
+Radians = Annotated[float, Field(ge=-100, le=100)]
 _Pixels = Annotated[float, Field(ge=-1e6, le=1e6)]
 
 _log = logging.getLogger(__name__)
@@ -44,15 +44,15 @@ class CyclicTerm(_Part):
 
     amplitude: float = Field(ge=0, le=1000, description="Amplitude of the error, metres.")
     harmonic: int = Field(ge=1, le=16, description="Periods of the error within one ambiguity range.")
-    phase: _Radians = Field(description="Phase at distance zero, radians.")
+    phase: Radians = Field(description="Phase at distance zero, radians.")
 
 
 class Corrections(_Part):
     """Systematic distance errors; they are subtracted from what the camera delivers."""
 
-    constant: _Metres = Field(0.0, description="Constant offset, metres.")
+    constant: Metres = Field(0.0, description="Constant offset, metres.")
     cyclic: tuple[CyclicTerm, ...] = Field((), description="Harmonics of the modulation's cyclic error.")
-    per_pixel: tuple[tuple[_Metres, ...], ...] = Field(
+    per_pixel: tuple[tuple[Metres, ...], ...] = Field(
         (), description="Offset of each pixel, metres; empty = none."
     )
 
@@ -86,10 +86,10 @@ class Mount(_Part):
     Stage axes: x right, y down, z forward, as the camera's when it is mounted straight.
     """
 
-    rotation: tuple[_Radians, _Radians, _Radians] = Field(
+    rotation: tuple[Radians, Radians, Radians] = Field(
         (0.0, 0.0, 0.0), description="Rotation vector that takes camera axes to stage axes, radians."
     )
-    lever_arm: tuple[_Metres, _Metres, _Metres] = Field(
+    lever_arm: tuple[Metres, Metres, Metres] = Field(
         (0.0, 0.0, 0.0), description="Projection centre from the stage's axes, in stage axes, metres."
     )
 

@@ -17,11 +17,17 @@ class CameraSettings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     integration_time: float = Field(
-        0.030, gt=0, le=LONGEST_INTEGRATION_TIME, description="Seconds per phase sample; a frame takes four."
+        0.030,
+        ge=1e-6,
+        le=LONGEST_INTEGRATION_TIME,
+        description="Seconds per phase sample; a frame takes four.",
     )
     modulation_frequency: float = Field(20e6, ge=1e6, le=100e6, description="Modulation frequency, Hz.")
     frame_rate: float | None = Field(
-        None, gt=0, le=1000, description="Frames per second; none = as fast as the integration time allows."
+        None,
+        ge=1e-3,
+        le=1000,
+        description="Frames per second; none = as fast as the integration time allows.",
     )
     amplitude_threshold: int = Field(
         0, ge=0, le=0xFFFF, description="Counts under which the camera itself rejects a pixel; 0 = none."

@@ -32,12 +32,14 @@ class RecordingWriter:
     """A recording being written, under `path + ".active"` until it is closed.
 
     As a context manager it closes at the end, and discards the file when an exception passes, except when
-    the disk failed: then what was written is kept.
+    the disk failed: then what was written is kept, unless it shall be `whole`.
 
     Args:
         path: where the recording shall be.
         metadata: run id, rig, camera serial and what else is known; run id and software version are added.
         compression: small, or quick.
+        whole: nothing is left where the disk fails, and a file of that name stays as it was: for what can be
+            made again.
 
     Raises:
         StorageError: the file cannot be made or written. Writing is over then; `close` keeps what there is.
@@ -48,8 +50,11 @@ class RecordingWriter:
         path: Path | str,
         metadata: Mapping[str, str] | None = None,
         compression: Compression = Compression.SMALL,
+        *,
+        whole: bool = False,
     ) -> None:
         self.path = Path(path)
+        self._whole = whole
         self._schemas: dict[Schema, int] = {}
         self._channels: dict[str, tuple[int, Schema]] = {}
         self._calibration: bytes | None = None
@@ -130,7 +135,7 @@ class RecordingWriter:
 
         Raises:
             StorageError: the last chunk or the index did not fit; what was written before has been kept
-                under the final name and can be read.
+                under the final name and can be read, unless it shall be `whole`.
         """
         if self._is_closed:
             return
@@ -140,6 +145,9 @@ class RecordingWriter:
             with suppress(StorageError):
                 self._writer.finish()  # type: ignore[no-untyped-call]
         if self._output.failure is not None:
+            if self._whole:
+                self._output.discard()
+                raise self._output.failure
             self._output.append_last(_ending())
         self._output.finish()
         if self._output.failure is not None and not failed_before:
@@ -157,7 +165,7 @@ class RecordingWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if error is None or self._output.failure is not None:
+        if error is None or (self._output.failure is not None and not self._whole):
             self.close()
         else:
             self.discard()

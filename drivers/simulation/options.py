@@ -5,7 +5,7 @@ from typing import Self
 
 from pydantic import Field, field_validator, model_validator
 
-from drivers.calibration import Calibration, Footprint, Mount, sr3000_calibration
+from drivers.calibration import Calibration, Footprint, Metres, Mount, Radians, sr3000_calibration
 from drivers.device import BackendOptions
 from drivers.errors import InitialisationError
 from drivers.simulation.board import Chessboard, board_scene
@@ -21,7 +21,7 @@ class CameraOptions(BackendOptions):
         0, ge=0, le=2**32 - 1, description="Of the noise: frame n of a seed is always the same."
     )
     noise: bool = Field(True, description="Whether the sensor has noise.")
-    lever_arm: tuple[float, float, float] = Field(
+    lever_arm: tuple[Metres, Metres, Metres] = Field(
         (0.0, 0.0, 0.0),
         description="Projection centre from the stage's axes, metres (x right, y down, z forward). "
         "With one every pose is rendered anew: a few frames per second instead of 50 and more.",
@@ -42,7 +42,7 @@ class CameraOptions(BackendOptions):
     calibrated: bool = Field(
         True, description="Whether the camera knows its true calibration, else nominal optics alone."
     )
-    mount_rotation: tuple[float, float, float] = Field(
+    mount_rotation: tuple[Radians, Radians, Radians] = Field(
         (0.0, 0.0, 0.0), description="Rotation vector that takes camera axes to stage axes, radians."
     )
     fill_factor: float = Field(1.0, gt=0, le=1, description="Side of a pixel's sensitive square, in pixels.")

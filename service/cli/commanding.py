@@ -60,7 +60,7 @@ def fields_of(pairs: list[str]) -> dict[str, Any]:
     found = {}
     for pair in pairs:
         name, equals, value = pair.partition("=")
-        if not (name and equals):
+        if not (name and equals) or name == "action":
             raise typer.BadParameter(f"{pair}: expected FIELD=VALUE, such as span=2.0")
         try:
             found[name] = json.loads(value)

@@ -70,8 +70,8 @@ def fuse(
     """Fuse every burst of one or more recordings, and show method, λ and quality.
 
     Errors against the truth are given where a recording holds it (the
-    bundled ones do). Inputs that cannot be fused are named and passed
-    over; the exit status tells.
+    bundled ones do). Inputs and bursts that cannot be fused are named and
+    passed over; the exit status tells.
 
     [bold]Examples[/bold]
 
@@ -86,7 +86,7 @@ def fuse(
     [bold]Exit status[/bold]
 
     0 done; 1 an input could not be fused; 2 wrong usage; 3 done, but an
-    input is damaged.
+    input is damaged, or not all of its bursts could be fused.
     """
     from service.cli.fuse_many import fuse_many
     from service.jobs.result_name import recordings_among
@@ -110,7 +110,7 @@ def fuse(
 
         print(json.dumps([result.model_dump(mode="json") for result in done], indent=2))
     failed = any(result.error is not None for result in done)
-    if failed or any(result.damage is not None for result in done):
+    if failed or any(result.lost for result in done):
         raise typer.Exit(1 if failed else 3)
 
 

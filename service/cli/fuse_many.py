@@ -53,8 +53,8 @@ def tell(result: "FileResult", *, quiet: bool) -> None:
             print(f"{Path(result.input).name}: {describe(burst)}")
         if result.output is not None:
             print(f"{'was there already:' if result.resumed else 'wrote'} {result.output}", flush=True)
-    if result.damage is not None:
-        print(f"lost: {result.input}: {result.damage}", file=sys.stderr)
+    for what in result.lost:
+        print(f"lost: {result.input}: {what}", file=sys.stderr)
 
 
 def _results(tasks: Sequence["FuseTask"], workers: int | None, cluster: str | None) -> Iterator["FileResult"]:
@@ -71,9 +71,11 @@ def _account(results: Sequence["FileResult"]) -> str:
     failures = sum(result.error is not None for result in results)
     before = sum(result.resumed for result in results)
     damaged = sum(result.damage is not None for result in results)
+    in_part = sum(bool(result.failures) for result in results)
     parts = [f"{len(results) - failures - before} fused"]
     parts += [f"{before} fused before"] if before else []
     parts += [f"{damaged} damaged"] if damaged else []
+    parts += [f"{in_part} in part"] if in_part else []
     parts += [f"{failures} failed"] if failures else []
     return f"{len(results)} recordings: {', '.join(parts)}"
 

@@ -39,7 +39,7 @@ def _app(name: str, what: str, example: str) -> typer.Typer:
         as_json: AsJson = False,
     ) -> None:
         with connected(endpoint, prefix) as rig:
-            say(rig.command(f"cmd/{name}", "set", timeout, **fields_of(fields)), as_json, show)
+            say(rig.ask(f"cmd/{name}", {"action": "set"} | fields_of(fields), timeout), as_json, show)
 
     return app
 

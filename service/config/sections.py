@@ -109,7 +109,7 @@ class FusionSettings(Section):
     backlog: int = Field(
         2, ge=1, le=100, description="Bursts that may wait; live, the oldest goes when full."
     )
-    timeout: float = Field(120.0, gt=0, le=86400, description="Seconds one fusion may take.")
+    timeout: float = Field(120.0, ge=1, le=86400, description="Seconds one fusion may take.")
 
     def options(self) -> FusionOptions:
         """The same choices as the solver takes them."""

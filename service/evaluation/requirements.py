@@ -13,7 +13,7 @@ SHARES = ("fill",)
 """Figures from 0 to 1."""
 
 _RELATIONS = {"<": lt, "<=": le, ">": gt, ">=": ge}
-_UNITS = {"m": 1.0, "mm": 1e-3, "%": 1e-2, "": 1.0}
+_UNITS = {"m": 1.0, "mm": 1e-3, "%": 1e-2}
 
 _FORM = re.compile(
     r"\s*(?P<name>\w+)\s*(?P<relation><=|>=|<|>)\s*(?P<number>\d+\.?\d*(e[+-]?\d+)?|\.\d+)\s*(?P<unit>mm|m|%|)\s*"
@@ -42,10 +42,10 @@ class Requirement:
 
 
 def parse_requirement(text: str) -> Requirement:
-    """Read `NAME RELATION NUMBER UNIT`, as `flatness<3mm` or `fill>=95%`; without a unit metres, or a share.
+    """Read `NAME RELATION NUMBER UNIT`, as `flatness<3mm` or `fill>=95%`.
 
     Raises:
-        ConfigurationError: another form, an unknown name, or a unit that is none of this figure.
+        ConfigurationError: another form, an unknown name, no unit, or one that is none of this figure.
     """
     found = _FORM.fullmatch(text)
     if found is None:
@@ -58,7 +58,7 @@ def parse_requirement(text: str) -> Requirement:
         raise ConfigurationError(
             f"--require {text!r}: no figure is called {name!r}; there are: {', '.join(LENGTHS + SHARES)}"
         )
-    if (unit == "%") is not (name in SHARES) and unit:
+    if not unit or (unit == "%") is not (name in SHARES):  # a bare 3 would be metres, which everything meets
         wanted = "a share: give %" if name in SHARES else "a length: give m or mm"
         raise ConfigurationError(f"--require {text!r}: {name} is {wanted}")
     return Requirement(text, name, found["relation"], float(found["number"]) * _UNITS[unit])

@@ -37,7 +37,6 @@ def fuse_burst(burst: Burst, settings: FusionSection, progress: Progress | None 
     calibration, reference = burst.calibration, replace(burst.reference)  # without its cached images
     distance, amplitude = stack(burst.frames, calibration)
     turns = relative_rotations([(f.pan, f.tilt) for f in burst.frames], calibration.mount)
-    noise = calibration.noise
     with warnings.catch_warnings():
         # The report says so (`converged`); in a worker nobody would see the warning.
         warnings.simplefilter("ignore", FusionWarning)
@@ -50,7 +49,7 @@ def fuse_burst(burst: Burst, settings: FusionSection, progress: Progress | None 
             intrinsics=calibration.intrinsics.matrix,
             distortion=calibration.distortion or None,
             ambiguity_range=reference.ambiguity_range,
-            noise=None if noise is None else noise.for_signal(reference.integration_time),
+            noise=noise_of(calibration, reference),
             progress=progress,
         )
     return map_of(
@@ -150,6 +149,15 @@ def footprint_of(calibration: Calibration) -> Footprint:
     """How a pixel gathers light, as the solver takes it."""
     known = calibration.footprint
     return Footprint(side=known.fill_factor, blur=known.blur)
+
+
+def noise_of(calibration: Calibration, frame: Frame) -> float | None:
+    """c in σ(distance) = c / signal; None, to be estimated, where no law is known.
+
+    Nor is there one for a frame without amplitude: the solver would take c for σ itself.
+    """
+    law = calibration.noise if frame.has_amplitude else None
+    return None if law is None else law.for_signal(frame.integration_time)
 
 
 def stack(

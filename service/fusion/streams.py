@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from drivers.frame import Frame
 from drivers.poses import relative_rotations
-from service.fusion.fuse import corrected, footprint_of, map_of
+from service.fusion.fuse import corrected, footprint_of, map_of, noise_of
 from service.fusion.job import FrameJob
 from service.messages.map import FusedMap
 from solver import FusionWarning, SlidingFusion
@@ -25,7 +25,6 @@ class Stream:
 
     def __init__(self, job: FrameJob) -> None:
         calibration, settings = job.calibration, job.settings
-        noise = calibration.noise
         self._settings = settings
         options = settings.options()
         self._fusion = SlidingFusion(
@@ -38,7 +37,7 @@ class Stream:
             ambiguity_range=job.frame.ambiguity_range,
             intrinsics=calibration.intrinsics.matrix,
             distortion=calibration.distortion or None,
-            noise=None if noise is None else noise.for_signal(job.frame.integration_time),
+            noise=noise_of(calibration, job.frame),
         )
         self._grid, self._window = job.frame, job.window
         self._frames: dict[int, Frame] = {}

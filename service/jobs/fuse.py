@@ -14,6 +14,7 @@ from service.messages.burst import Burst
 from service.messages.encoding import fused_messages
 from service.messages.map import FusedMap
 from service.messages.viewing import Extras
+from solver.errors import FusionError
 from solver.result import Progress
 
 Announce = Callable[[Burst], Progress | None]
@@ -46,8 +47,11 @@ def fuse_recording(
     extras: Extras = Extras(),  # noqa: B008 — frozen
     announce: Announce = lambda _: None,
     finish: Callable[[RecordingWriter], None] = lambda _: None,
+    failed: Callable[[str], None] = lambda _: None,
 ) -> Iterator[FusedMap]:
     """Fuse burst after burst; with `output`, write frames and maps into a recording, whole or not at all.
+
+    A burst that cannot be fused is told and passed over.
 
     Messages get the times of the frames for their log times, so that the result depends on the input alone.
 
@@ -59,22 +63,32 @@ def fuse_recording(
         extras: what is written of each map beside it.
         announce: told of each burst.
         finish: called with the whole `output` before it is closed.
+        failed: told which burst could not be fused, and why.
 
     Raises:
         RecordingError: no calibration, or frames that do not fit it.
-        FusionError: a burst that cannot be fused.
+        FusionError: no burst can be fused.
         StorageError: the file cannot be written.
     """
+    fused, why = 0, None
     with ExitStack() as stack:
         writer = None
         if output is not None:
-            writer = stack.enter_context(RecordingWriter(output, recording.metadata))
+            writer = stack.enter_context(RecordingWriter(output, recording.metadata, whole=True))
             _copy_attachments(recording, writer)
         for burst in recorded_bursts(recording, settings, calibration):
-            result = fuse_burst(burst, settings, announce(burst))
+            try:
+                result = fuse_burst(burst, settings, announce(burst))
+            except FusionError as error:
+                why = f"burst {burst.id} not fused: {error}"
+                failed(why)
+                continue
+            fused += 1
             if writer is not None:
                 _write(writer, burst, result, extras)
             yield result
+        if why is not None and not fused:
+            raise FusionError(f"{recording.path}: no burst could be fused: {why}")
         if writer is not None:
             finish(writer)
 

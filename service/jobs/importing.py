@@ -76,7 +76,7 @@ def record_import(
         camera_serial=found.source.serial,
         frames_per_burst=frames_per_burst or found.count,
     )
-    with RecordingWriter(output, head.metadata) as writer:
+    with RecordingWriter(output, head.metadata, whole=True) as writer:
         for frame in prefetched(found.frames(), _AHEAD):
             if last is None:
                 writer.write_calibration(found.calibration, frame.timestamp)

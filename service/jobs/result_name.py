@@ -40,6 +40,7 @@ class Outcome(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     damage: Shown | None = Field(description="What of the input could not be read.")
+    failures: tuple[Shown, ...] = Field((), description="Bursts that could not be fused, and why.")
     bursts: tuple[BurstSummary, ...] = Field(description="Every fused burst.")
 
 

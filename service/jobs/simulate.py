@@ -108,7 +108,7 @@ def record_simulation(
             calibration=calibration,
             configuration=settings,
         )
-        with RecordingWriter(path, head.metadata) as writer:
+        with RecordingWriter(path, head.metadata, whole=True) as writer:
             head.attach_to(writer, clock.now())
             writer.write_calibration(calibration, clock.now())
             if not camera.options.calibrated:

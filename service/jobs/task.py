@@ -53,8 +53,14 @@ class FileResult(BaseModel):
     output: Shown | None = Field(None, description="The file with the maps, where one was wanted.")
     resumed: bool = Field(False, description="Whether it was there already, from an earlier run.")
     damage: Shown | None = Field(None, description="What of the recording cannot be read; None = nothing.")
+    failures: tuple[Shown, ...] = Field((), description="Bursts that could not be fused, and why.")
     error: Shown | None = Field(None, description="Why it could not be fused; None = it was.")
     bursts: tuple[BurstSummary, ...] = Field((), description="Every fused burst.")
+
+    @property
+    def lost(self) -> tuple[str, ...]:
+        """What of the recording is in no map."""
+        return (() if self.damage is None else (self.damage,)) + self.failures
 
 
 def fuse_file(
@@ -74,7 +80,7 @@ def fuse_file(
     Raises:
         DriverError: the recording cannot be read, or the result not written.
         ServiceError: the calibration or the directory cannot be used.
-        FusionError: a burst that cannot be fused.
+        FusionError: no burst can be fused.
     """
     target = task.target
     calibration = configured_calibration(CameraSection(calibration=task.calibration))
@@ -86,15 +92,17 @@ def fuse_file(
                 output=str(target),
                 resumed=True,
                 damage=before.damage,
+                failures=before.failures,
                 bursts=before.bursts,
             )
     recording = open_recording(task.path)
     begun(recording.frame_count)
     damage = None if recording.damage is None else str(recording.damage)
     found: list[BurstSummary] = []
+    failures: list[str] = []
 
     def finish(writer: RecordingWriter) -> None:
-        attach_outcome(writer, Outcome(damage=damage, bursts=tuple(found)))
+        attach_outcome(writer, Outcome(damage=damage, failures=tuple(failures), bursts=tuple(found)))
 
     with ExitStack() as stack:
         written = target
@@ -103,7 +111,9 @@ def fuse_file(
         if target is not None and task.directory is not None:
             written = stack.enter_context(working_file(target))
         pictures = None if task.directory is None or target is None else _Pictures(target)
-        results = fuse_recording(recording, task.fusion, calibration, written, task.extras, announce, finish)
+        results = fuse_recording(
+            recording, task.fusion, calibration, written, task.extras, announce, finish, failures.append
+        )
         for result in results:
             burst = summarize(result, recording.truth)
             found.append(burst)
@@ -114,6 +124,7 @@ def fuse_file(
         input=str(task.path),
         output=None if target is None else str(target),
         damage=damage,
+        failures=tuple(failures),
         bursts=tuple(found),
     )
 

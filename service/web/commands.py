@@ -16,7 +16,7 @@ _URGENT = frozenset({"stop", "cancel", "pause"})
 _MOST_URGENT = 32
 
 Ask = Callable[..., dict[str, Any]]
-"""`Client.command`."""
+"""`Client.ask`."""
 
 
 class Count:
@@ -41,7 +41,7 @@ class Commands:
     """Has commands carried out.
 
     Args:
-        ask: `Client.command`.
+        ask: `Client.ask`.
     """
 
     def __init__(self, ask: Ask) -> None:
@@ -72,7 +72,7 @@ class Commands:
         return {"type": "answer", "id": command.id, "value": value}
 
     def _carried_out(self, command: Command) -> dict[str, Any]:
-        return dict(self._ask(command.name, command.action, command.timeout, **command.arguments))
+        return dict(self._ask(command.name, command.arguments | {"action": command.action}, command.timeout))
 
 
 def error_message(number: int | None, code: str, message: str) -> dict[str, Any]:

@@ -122,7 +122,7 @@ class PageServer:
         try:
             rig.start()
             app = make_app(
-                Access(self._options), hub, Sockets(hub, Commands(rig.client.command)), Downloads(rig.client)
+                Access(self._options), hub, Sockets(hub, Commands(rig.client.ask)), Downloads(rig.client)
             )
             self._server = server = uvicorn.Server(_configured(app))
             serving = asyncio.create_task(server.serve(sockets=[self._listening]))

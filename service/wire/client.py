@@ -1,7 +1,7 @@
 """Talking to a running service: its latest values, and its messages as they come."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +15,7 @@ import zenoh.ext
 
 from drivers.documents import parse_json
 from drivers.messages import CAMERA_CALIBRATION
-from service.errors import RemoteError
+from service.errors import RemoteError, SessionError
 from service.messages.decoding import Received, decode
 from service.messages.receipt import RECEIPT, Receipt
 from service.messages.topics import ALIVE, FUSED_CALIBRATION, FUSED_DEPTH_MM, TOPICS, Congestion, Topic
@@ -59,7 +59,7 @@ class Client:
             `CommandError`.
 
     Raises:
-        SessionError: the endpoint is not one, or the file cannot be used.
+        SessionError: the endpoint or the prefix is not one, or the file cannot be used.
     """
 
     def __init__(
@@ -71,6 +71,12 @@ class Client:
         receipts: bool = False,
     ) -> None:
         self._endpoint, self._prefix, self._receipts = endpoint, prefix, receipts
+        try:
+            zenoh.KeyExpr(prefix)
+        except zenoh.ZError as error:
+            raise SessionError(
+                f"the prefix {prefix!r} is no key; expected one like {DEFAULT_PREFIX}"
+            ) from error
         self._resources = ExitStack()
         file = None if config is None else Path(config)
         self._session = self._resources.enter_context(open_session((), (endpoint,), file))
@@ -97,7 +103,11 @@ class Client:
             CommandError: it was refused, and nothing changed; of a class of its own for each code.
             RemoteError: no service, or no answer in time.
         """
-        return self._asking.ask(name, timeout, {"action": action, **arguments})
+        return self.ask(name, {"action": action, **arguments}, timeout)
+
+    def ask(self, name: str, request: Mapping[str, Any], timeout: float = 60.0) -> Answer:
+        """As `command`, of a request as it is sent: its fields may have any name, also `timeout`."""
+        return self._asking.ask(name, timeout, dict(request))
 
     def close(self) -> None:
         """Close the connection and all subscriptions."""

@@ -99,5 +99,8 @@ class Section:
         return self._ask(self._name, "get", timeout)
 
     def set(self, timeout: float = 300.0, **fields: Any) -> Answer:
-        """Change some fields; returns what is in force, once the burst at work has ended."""
+        """Change some fields; returns what is in force, once the burst at work has ended.
+
+        `timeout` is how long to wait; a field of that name is changed by `Client.ask`.
+        """
         return self._ask(self._name, "set", timeout, **fields)

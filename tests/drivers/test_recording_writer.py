@@ -46,8 +46,8 @@ def test_the_name_is_given_when_the_file_is_complete(tmp_path):
         writer.write_frame(make_frame(1), Mount())
 
 
-def write_frames(path, numbers):
-    with RecordingWriter(path) as writer:
+def write_frames(path, numbers, **options):
+    with RecordingWriter(path, **options) as writer:
         for number in numbers:
             writer.write_frame(make_frame(number), Mount())
 
@@ -225,6 +225,18 @@ def test_a_disk_that_is_full_only_at_the_end_is_told_too(tmp_path, full_disk):
     with pytest.raises(StorageError, match="disk is full"):
         writer.close()
     assert [frame.sequence for frame in open_recording(tmp_path / "x.mcap").frames()] == [100]
+
+
+@pytest.mark.parametrize(("room", "frames"), [(300_000, 100), (100_000, 2)], ids=["on the way", "at the end"])
+def test_what_shall_be_whole_is_not_there_on_a_full_disk_and_replaces_nothing(
+    tmp_path, full_disk, room, frames
+):
+    path = tmp_path / "x.mcap"
+    path.write_bytes(b"made before")
+    full_disk(room)
+    with pytest.raises(StorageError, match="disk is full"):
+        write_frames(path, range(frames), whole=True)
+    assert [(file.name, file.read_bytes()) for file in tmp_path.iterdir()] == [("x.mcap", b"made before")]
 
 
 def test_a_disk_without_any_room_leaves_no_file(tmp_path, full_disk):

@@ -109,6 +109,10 @@ def test_the_command_line_has_the_verbs(service: Running, endpoint: str) -> None
     assert "span = 2.0" in out
     assert 'axes = "pan"' in out
     assert "pixels" in out
+    code, out, _ = run(endpoint, "fusion", "set", "timeout=50")  # not how long to wait for the answer
+    assert (code, "timeout = 50.0" in out) == (0, True)
+    code, _, err = run(endpoint, "fusion", "set", "action=get")
+    assert (code, "expected FIELD=VALUE" in err) == (2, True)
     code, out, _ = run(endpoint, "fusion", "get", "--json")
     assert json.loads(out)["fusion"]["upsampling"] == 2
     code, out, _ = run(endpoint, "stage", "get")

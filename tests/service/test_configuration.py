@@ -57,6 +57,7 @@ def test_options_of_a_backend_come_from_the_environment_too(monkeypatch: pytest.
             "unknown key camera.settings.integration_tim; did you mean camera.settings.integration_time?",
         ),
         ("[stage]\nxyzzy = 1", "unknown key stage.xyzzy; known here: backend, options"),
+        ("[fusion]\ntimeout = 1e-9", "fusion.timeout = 1e-09: Input should be greater than or equal to 1"),
         ("[fusion]\nframes = 0", "fusion.frames = 0: Input should be greater than or equal to 1"),
         ("[fusion]\nregularization = -1.0", "fusion.regularization = -1.0"),
         ('[zenoh]\nprefix = "a//b"', "zenoh.prefix = 'a//b'"),

@@ -8,7 +8,7 @@ import pytest
 from depth_cameras import KNOWN, SHAPE, depth_frames
 from typer.testing import CliRunner
 
-from drivers.calibration import Calibration, Corrections, CyclicTerm, Mount
+from drivers.calibration import Calibration, Corrections, CyclicTerm, Mount, NoiseLaw
 from drivers.errors import RecordingError
 from drivers.recording import RecordingWriter, open_recording
 from service.calibration.noise import calibrate_noise
@@ -67,6 +67,18 @@ def test_maps_messages_and_pictures_are_made_without_amplitude(tmp_path):
     assert points_message(result).payload
     write_preview(tmp_path / "x.png", result)
     assert cv2.imread(str(tmp_path / "x.png")).shape[2] == 3
+
+
+def test_a_law_of_noise_over_amplitude_says_nothing_of_frames_without_amplitude():
+    lawful = KNOWN.model_copy(update={"noise": NoiseLaw(coefficient=30.0)})
+    settings = FusionSection(upsampling=2, register_poses=False)
+    frames, maps = depth_frames(), {}
+    for name, calibration in (("law", lawful), ("none", KNOWN)):
+        job = FrameJob(frames[0], calibration, settings, 3, 0, 0)
+        maps[name] = fuse_burst(burst_of(frames, calibration), settings), Stream(job).push(job)
+    for with_law, without in zip(maps["law"], maps["none"], strict=True):
+        assert with_law.report.regularization == without.report.regularization
+        np.testing.assert_array_equal(with_law.deviation, without.deviation)
 
 
 def test_a_stream_gives_maps_without_amplitude():

@@ -173,9 +173,9 @@ def test_a_map_without_frames_has_no_before():
         ("flatness<3mm", "flatness", 0.003, False),
         ("noise <= 0.003 m", "noise", 0.003, True),
         ("fill>95%", "fill", 0.96, True),
-        ("fill>=0.95", "fill", 0.94, False),
+        ("fill>=95%", "fill", 0.94, False),
         ("bias<5mm", "bias", -0.006, False),
-        ("step>0.01", "step", 0.02, True),
+        ("step>0.01m", "step", 0.02, True),
     ],
 )
 def test_requirements(text, name, value, met):
@@ -185,7 +185,18 @@ def test_requirements(text, name, value, met):
 
 @pytest.mark.parametrize(
     "text",
-    ["", "flatness", "flatness=3mm", "flat<3mm", "flatness<3%", "fill>2mm", "noise<-1mm", "noise<3cm"],
+    [
+        "",
+        "flatness",
+        "flatness=3mm",
+        "flat<3mm",
+        "flatness<3%",
+        "fill>2mm",
+        "noise<-1mm",
+        "noise<3cm",
+        "flatness<3",
+        "fill>95",
+    ],
 )
 def test_bad_requirements(text):
     with pytest.raises(ConfigurationError, match="--require"):

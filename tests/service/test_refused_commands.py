@@ -24,6 +24,12 @@ import pytest
         ('{"action": "set", "integration_time": 9}', "OUT_OF_RANGE", "less than or equal to 0.1"),
         ('{"action": "set", "integration_time": 1e999}', "OUT_OF_RANGE", "integration_time"),
         ('{"action": "set", "frame_rate": -1}', "OUT_OF_RANGE", "frame_rate = -1"),
+        ('{"action": "set", "frame_rate": 1e-300}', "OUT_OF_RANGE", "greater than or equal to 0.001"),
+        (
+            '{"action": "set", "integration_time": 1e-300}',
+            "OUT_OF_RANGE",
+            "greater than or equal to 0.000001",
+        ),
         ('{"action": "set", "frame_rate": "1"}', "INVALID_ARGUMENT", "frame_rate = '1'"),
     ],
 )

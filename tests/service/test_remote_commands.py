@@ -201,6 +201,7 @@ def test_of_two_rigs_the_one_that_is_named_is_shown(
         (("get", "fused/report", "-o", "a.npy"), 2, "neither image nor points"),
         (("get", "fused/depth", "-o", "a.ply"), 2, "holds no points"),
         (("get", "fused/depth", "-o", "/nowhere/a.npy"), 1, "cannot be written"),
+        (("status", "--prefix", ""), 1, "the prefix '' is no key; expected one like lidarboost/rig"),
     ],
 )
 def test_what_cannot_be_done_is_one_clear_line(

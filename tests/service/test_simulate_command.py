@@ -205,4 +205,7 @@ def test_the_mount_is_given_once(tmp_path):
     result = run("--camera", true, "--lever-arm", 0, 0, 0.1, "-o", tmp_path / "x.mcap")
     assert result.exit_code != 0
     assert "lever_arm: the calibration file says that" in result.output
+    result = run("--lever-arm", "nan", 0, 0, "-o", tmp_path / "x.mcap")
+    assert "lever_arm.0: Input should be" in result.output
+    assert "internal error" not in result.output
     assert not (tmp_path / "x.mcap").exists()

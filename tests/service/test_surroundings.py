@@ -9,8 +9,9 @@ import time
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
-from scripted import calibration, frame
+from scripted import SHAPE, calibration, frame
 
 from drivers.calibration import Mount
 from drivers.recording import RecordingWriter, open_recording
@@ -43,11 +44,11 @@ def environment(tmp_path: Path, endpoint: str) -> dict[str, str]:
 
 
 def lidarboost(
-    *words: object, env: dict[str, str], shell: str = "", timeout: float = 90
+    *words: object, env: dict[str, str], shell: str = "", limit: int | None = None, timeout: float = 90
 ) -> "subprocess.CompletedProcess[bytes]":
-    """Run it; `shell` says what a shell does to its streams."""
+    """Run it; `shell` says what a shell does to its streams, `limit` how many blocks a file may have."""
     command = [*RUN, *(os.fsencode(str(word)) for word in words)]
-    script = f'exec "$@" {shell}'
+    script = f'{"" if limit is None else f"ulimit -f {limit}; "}exec "$@" {shell}'
     return subprocess.run(
         ["sh", "-c", script, "sh", *command],
         cwd=ROOT,
@@ -141,6 +142,30 @@ KUBERNETES = {
     "LIDARBOOST_ZENOH_SERVICE_HOST": "10.0.0.8",
     "LIDARBOOST_ZENOH_PORT": "tcp://10.0.0.8:7447",
 }
+
+
+@pytest.mark.parametrize("command", ["fuse", "simulate", "import"])
+def test_a_result_that_found_no_room_leaves_nothing_and_replaces_nothing(
+    command: str, small: Path, tmp_path: Path, environment: dict[str, str]
+) -> None:
+    images = tmp_path / "images"
+    images.mkdir()
+    for number in range(8):
+        np.save(images / f"{number}.npy", np.random.default_rng(number).uniform(1, 2, SHAPE))
+    optics = tmp_path / "camera.toml"
+    calibration().save(optics)
+    told: dict[str, list[object]] = {
+        "fuse": [small],
+        "simulate": ["-n", 1],
+        "import": [images, "--calibration", optics, "--kind", "distance", "--rate", 5, "--scale", 1],
+    }
+    before = tmp_path / "before.mcap"
+    before.write_bytes(b"made before")
+    words = [command, *told[command], "-o", before, "--force"]
+    found = lidarboost(*words, env=environment, limit=4)
+    assert (found.returncode, b"cannot be written: File too large" in found.stderr) == (1, True), found.stderr
+    assert before.read_bytes() == b"made before"
+    assert not list(tmp_path.glob("before*.active"))
 
 
 def test_variables_that_kubernetes_makes_are_none_of_ours(environment: dict[str, str]) -> None:

@@ -167,6 +167,14 @@ def test_commands_are_passed_on_and_what_the_rig_refuses_is_said_in_its_words(pa
         assert refused["code"] == "OUT_OF_RANGE"
         assert "less than or equal to 40" in refused["message"]
         assert browser.command("cmd/scan", "leap")["code"] == "INVALID_ARGUMENT"
+        answers = []
+        for name in ("timeout", "name"):  # called as a call's own are
+            browser.send(
+                type="command", id=99, name="cmd/fusion", action="set", arguments={name: 50.0}, timeout=60
+            )
+            answers.append(browser.until(lambda m: isinstance(m, dict) and m.get("id") == 99))
+        assert answers[0]["value"]["fusion"]["timeout"] == 50.0
+        assert answers[1]["code"] == "INVALID_ARGUMENT"
         check = browser.command("cmd/scan", "check")["value"]["check"]
         assert check["poses"] == 4
         assert check["exposure"]["histogram"]
