@@ -12,6 +12,7 @@ Image = NDArray[np.float32]
 Whole = NDArray[np.int64]
 
 LARGE = 32  # pixels of the shorter side from which a coarser search comes first
+FAR = 1e6  # pixels: beyond any image
 NEAR = 4  # pixels up to which it does not: it would go further than asked
 REPEATS = 0.1  # of the cost one pixel aside: hard checks 0.015 and less, the least of other scenes 0.5
 BETTER = 0.8  # times a guess's difference; within a coarse pixel aliasing changes it by up to a tenth
@@ -81,7 +82,8 @@ def search_shifts(
         coarse = search_shifts(samples.pooled(), reference, centre, (radius[0] // 2, radius[1] // 2))
         return search_shifts(samples, reference, coarse, (1, 1))
     factor = 2**samples.level
-    middle = np.rint(centre / factor).astype(np.int64)
+    # A guess may look behind the camera, which is nowhere on an image.
+    middle = np.rint(np.clip(np.nan_to_num(centre), -FAR, FAR) / factor).astype(np.int64)
     best = _least(samples.values, samples.weights, reference, middle, radius, better)
     moved = best != 0
     return np.where(moved, (middle + best) * factor, centre).astype(np.float64)

@@ -121,3 +121,18 @@ def test_a_scene_with_one_thing_in_it_does_not_repeat():
     found = register(distance, amplitude, ambiguity_range=RANGE)
     assert found.period is None
     assert np.abs(found.shifts - shifts)[[k for k in range(15) if k not in found.rejected]].max() < 0.3
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_guess_that_looks_behind_the_camera_is_only_a_guess():
+    burst = capture(look(scene("print", wall(2.0, texture=printed(0.3))), (4,)), BASE, seed=0)
+    wrong = burst.rotations.copy()
+    wrong[3] += (0.0, 3.0, 0.0)
+    found = register(
+        burst.distance,
+        burst.amplitude,
+        intrinsics=burst.given["intrinsics"],
+        initial=wrong,
+        ambiguity_range=RANGE,
+    )
+    assert FOCAL * np.abs(found.rotations - burst.rotations)[[0, 1, 2, *range(4, 15)], :2].max() < 0.05
