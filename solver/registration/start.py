@@ -12,8 +12,8 @@ Image = NDArray[np.float32]
 Whole = NDArray[np.int64]
 
 LARGE = 32  # pixels of the shorter side from which a coarser search comes first
-FAR = 1e6  # pixels: beyond any image
 NEAR = 4  # pixels up to which it does not: it would go further than asked
+FAR = 1e6  # pixels: beyond any image
 REPEATS = 0.1  # of the cost one pixel aside: hard checks 0.015 and less, the least of other scenes 0.5
 BETTER = 0.8  # times a guess's difference; within a coarse pixel aliasing changes it by up to a tenth
 
@@ -118,12 +118,17 @@ def period(levels: list[Samples], reference: int) -> float | None:
 
 
 def _repeat(samples: Samples, reference: int, radius: tuple[int, int]) -> float | None:
-    """The same within a radius, in pixels of this level."""
+    """The same within a radius, in pixels of this level; what is alike all the way there is no repetition."""
     chosen = np.ascontiguousarray(samples.values[:, [reference]]), samples.weights[[reference]]
     cost, away = _costs(*chosen, 0, np.zeros((1, 2), np.int64), radius)[0], _away(radius)
     beside = cost[away == 1].max()
-    alike = away[(away >= 2) & (cost < REPEATS * beside)]
-    return float(alike.min()) if np.isfinite(beside) and alike.size else None
+    if not np.isfinite(beside):
+        return None
+    alike = cost < REPEATS * beside
+    found = np.argwhere(alike & (away >= 2))
+    half = np.array(radius) + np.trunc((found - radius) / 2).astype(int)
+    found = found[~alike[half[:, 0], half[:, 1]]]
+    return float(away[found[:, 0], found[:, 1]].min()) if len(found) else None
 
 
 def _least(

@@ -112,6 +112,16 @@ def test_what_repeats_is_placed_within_half_a_period_and_said(light):
     assert register(distance, amplitude, initial=shifts, ambiguity_range=RANGE).period == found.period
 
 
+def test_stripes_repeat_across_and_not_along_them():
+    def light(row, column):
+        return np.where(np.floor(2 * column / 16) % 2 > 0, 1000, 3000) + 0 * row
+
+    distance, amplitude, shifts = shifted(light, 3.0)
+    found = register(distance, amplitude, ambiguity_range=RANGE)
+    assert found.period == 16
+    assert np.abs(found.shifts - shifts)[:, 1].max() < 0.2
+
+
 def test_a_scene_with_one_thing_in_it_does_not_repeat():
     def light(row, column):
         thing = np.hypot(row - 30, column - 20) < 6
