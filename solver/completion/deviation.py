@@ -20,7 +20,7 @@ _LEVEL, _SLOPED = (0.35, 0.14, 0.23, 0.42), {"area": (0.18, 0.03, 0.03, 0.3)}
 """Floor, share of σ / λ, and b, also where samples average phasors, which displaces edges: for a prior of
 first order, and by method for one that lets ramps pass."""
 
-_BENT = 1.5
+_BENT = 1.0
 """b where a method knows its variance, and ∇∇X in the place of ∇X: such a one lets ramps pass, and with ∇X
 the deviation of a floor that runs away is far too large."""
 

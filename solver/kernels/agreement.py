@@ -57,6 +57,25 @@ def _sharpen(trust, slope, measure, curve, part, mean):  # type: ignore[no-untyp
 
 
 @njit(nogil=True, cache=True)
+def bring(rank, size, near, measure, share, out):  # type: ignore[no-untyped-def]
+    """out (2, rows + 4, columns + 4) ← by so much of the way, share, nearer to other slopes; by a team.
+
+    Args:
+        near: (2, rows + 4, columns + 4), in the measure per pixel.
+        measure: (rows + 4, columns + 4), as in `choose`.
+        share: (rows, columns), 0 to 1.
+        out: in the map's unit per pixel.
+    """
+    rows, n = share.shape
+    none = np.zeros(n, out.dtype)
+    for row in range(rank * rows // size, (rank + 1) * rows // size):
+        own = view(measure, (row + 2,), 2, n)
+        for axis in range(2):
+            there, here = view(near, (axis, row + 2), 2, n), view(out, (axis, row + 2), 2, n)
+            _sharpen(share[row], there, own, none, out.dtype.type(0), here)
+
+
+@njit(nogil=True, cache=True)
 def choose(  # type: ignore[no-untyped-def]
     rank, size, x, slopes, measure, light, noise, away, scale, part, out, square
 ):

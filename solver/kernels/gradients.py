@@ -7,28 +7,27 @@ from solver.kernels.view import view
 
 
 @njit(fastmath=True)
-def _compare(z, pull, bend, weight, i, squares, expected):  # type: ignore[no-untyped-def]
-    """squares ← (Im conj(Z) pull)², expected ← weight · bend · |Z|², of row i."""
-    n = squares.size
+def _turn(z, pull, curvature, weight, i, turned, expected):  # type: ignore[no-untyped-def]
+    """turned ← Im conj(Z) pull, expected ← weight · curvature · |Z|², of row i."""
+    n = turned.size
     a, b = view(z, (0, i), 2, n), view(z, (1, i), 2, n)
-    s, t, m = view(pull, (0, i), 2, n), view(pull, (1, i), 2, n), view(bend, (i,), 2, n)
+    s, t, m = view(pull, (0, i), 2, n), view(pull, (1, i), 2, n), view(curvature, (i,), 2, n)
     for j in range(n):
-        turned = a[j] * t[j] - b[j] * s[j]
-        squares[j] = turned * turned
+        turned[j] = a[j] * t[j] - b[j] * s[j]
         expected[j] = weight * m[j] * (a[j] * a[j] + b[j] * b[j])
 
 
 @njit(nogil=True, cache=True)
-def compare(rank, size, z, pull, bend, weight, factor, out):  # type: ignore[no-untyped-def]
+def turn(rank, size, z, pull, curvature, weight, factor, out):  # type: ignore[no-untyped-def]
     """out (2, rows / factor, columns / factor) ← sums over cells of factor × factor pixels; by a team.
 
-    Of the squares of what the data turn φ by, and of what noise alone would make of these: with samples of
-    variance 1 / weight, pull = weight · Aᵀ noise has the variance weight · diag(AᵀA).
+    Of what the data turn φ by, and of the variance that noise alone would give it if each pixel had its own:
+    with samples of variance 1 / weight, pull = weight · Aᵀ noise has the covariance weight · AᵀA.
 
     Args:
         z: (2, rows + 4, columns + 4), the phasors.
         pull: (2, rows + 4, columns + 4), the data term's gradient in Z.
-        bend: (rows + 4, columns + 4), padded by 2, diag(AᵀA).
+        curvature: (rows + 4, columns + 4), padded by 2, row sums of AᵀA.
         weight: a number.
         factor: pixels.
         out: (2, rows / factor, columns / factor).
@@ -38,7 +37,7 @@ def compare(rank, size, z, pull, bend, weight, factor, out):  # type: ignore[no-
     for cell in range(rank * cells // size, (rank + 1) * cells // size):
         sums[:] = 0
         for row in range(cell * factor, (cell + 1) * factor):
-            _compare(z, pull, bend, weight, row + 2, lines[0], lines[1])
+            _turn(z, pull, curvature, weight, row + 2, lines[0], lines[1])
             sums += lines
         for kind in range(2):
             for j in range(across):

@@ -86,6 +86,8 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         course, steps = _begin(problem), SCHEDULE if before is None else _RENEWED
     watch = course is not before and problem.contradicted > _DISPUTED
     taken, converged = _run(course, steps, problem.options.max_iterations, progress, watch)
+    if steps is not _FOLLOWED:
+        course.judge()
     return _solution(problem, course, taken, converged, fresh=initial is None)
 
 

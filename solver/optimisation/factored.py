@@ -24,11 +24,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from solver.kernels import agreement, newton, pairs
 from solver.kernels import factors as kernels
-from solver.kernels import newton, pairs
 from solver.kernels.group import PAD
-from solver.optimisation.discrepancy import discrepancy, eased, spread
+from solver.optimisation.discrepancy import discrepancy, eased, hidden, spread
 from solver.optimisation.footprint import AreaTerm
+from solver.optimisation.information import doubt, information
 from solver.optimisation.padding import padded
 from solver.optimisation.schedule import Step
 from solver.optimisation.slope import agreed, slope
@@ -71,6 +72,9 @@ its noise. Half of either finds finer relief and leaves more noise on dim walls.
 _AGREED = 0.5
 """How far from a slope that a pixel takes its own rise may be, in units of an edge."""
 
+_NEAR = 0.4
+"""Part of the reach over which the slope is averaged where samples and map are apart."""
+
 _STIFF = 2.0
 """What the data add to the preconditioner's diagonal, in units of their own: their operator blurs, so smooth
 moves, which matter most, meet up to sixteen times that at β = 4. 125 rounds get as far as 156 with 1."""
@@ -95,17 +99,6 @@ Without, dark print comes loose where there are many frames."""
 
 _MOST = np.array([0.7, 0.3])
 """By how much l and φ may move in one step: the linearisation holds for less than 1."""
-
-
-_UNSURE, _TOLD, _APART = 0.014, 3.2, 1.25
-"""The variance of φ is 0.014 exp(3.2 D) n^¾ x^¼, by trial: n is the noise of the samples over a square of the
-reach, x the squared second differences of the slopes, times the reach, and D the discrepancy, 1.25
-at most: x tells the rest; it is times √(4 / β) under β = 4, where D is less. A map that is smoothed best errs
-about alike by noise and by relief that is lost, and both grow with either. By n alone it would be too sure
-where it is bright and too timid where it is dim."""
-
-_ERRED = 0.0001 * _USUAL
-"""What φ errs by however many samples there are."""
 
 _DOUBT, _ERRING = 5.0, 0.1
 """Deviations and RMS amplitudes that a sample may differ from the map that has its edges."""
@@ -147,6 +140,8 @@ class Factored:
     _ease: Image = field(init=False)
     _loose: Image = field(init=False)
     _bent: Image = field(init=False)
+    _near: Image = field(init=False)
+    _lacks: Image = field(init=False)
 
     def __post_init__(self) -> None:
         mean = self.term.mean()
@@ -158,6 +153,7 @@ class Factored:
         self._work = tuple(np.zeros(shape, np.float32) for _ in range(5))
         self.z, self._bend = np.zeros(shape, np.float32), self.term.bend * np.float32(_STIFF)
         self._loose = np.ones(shape[1:], np.float32)
+        self._near, self._lacks = (np.zeros(self.term.shape[1:], np.float32) for _ in range(2))
         self._ease = np.ones([n // self.term.factor for n in self.term.shape[1:]], np.float32)
         self._square, self._lit = np.ones(shape[1:], np.float32), np.ones(shape[1:], np.float32)
         self._power = np.zeros(shape[1:], np.float32)
@@ -180,8 +176,10 @@ class Factored:
         weight = np.float32(self.weight)
         self.term.pull(self.z, weight, product)
         if step.eases:
-            self._ease = eased(self._ease, self._discrepancy(product))
+            apart = self._discrepancy(product)
+            self._ease = eased(self._ease, apart)
             spread(self._ease, self._loose[PAD:-PAD, PAD:-PAD])
+            spread(hidden(apart), self._near)
         state, data = (
             (self.state, self.z, self._loose, self._tilt[0], *self._laws(step.blunt)),
             (product, self._bend, weight),
@@ -199,16 +197,20 @@ class Factored:
         return rounds
 
     def _discrepancy(self, pull: Image) -> Image:
-        return discrepancy(self.z, pull, self.term.bend, np.float32(self.weight), self.term.factor)
+        return discrepancy(self.z, pull, self.term, np.float32(self.weight))
 
     def _find_tilt(self, blunt: float) -> Image:
         """(1, 2, rows + 4, columns + 4): what the surroundings foretell of φ's rise by row and by column."""
         edge, image = _EDGE * _USUALLY / self.term.factor * blunt**_EDGE_BLUNT, self.state[1:]
-        means = slope(image, edge, self._reach, before=self._tilt, measure=self._square, weight=self._lit)
+        votes = {"measure": self._square, "weight": self._lit}
+        means = slope(image, edge, self._reach, before=self._tilt, **votes)
         side = 2 * round(self._reach) + 1
         light = np.asarray(cv2.blur(self._power, (side, side)), np.float32)
         noise = (self.noise * self.term.factor) ** 2
         tilt, self._bent = agreed(image, means, _AGREED * edge, self._reach, self._square, light, noise)
+        if (self._near > 0).any():
+            near = slope(image, edge, max(1.0, _NEAR * self._reach), before=self._tilt, **votes)
+            team.share(agreement.bring, near[0], self._square, self._near, tilt[0])
         return tilt
 
     def _laws(self, blunt: float) -> tuple[NDArray[np.float64], tuple[float, ...], tuple[float, ...]]:
@@ -242,15 +244,17 @@ class Factored:
         team.share(pairs.cost, self.state, self.z, self._loose, self._tilt[0], *self._laws(1.0), sums)
         return 0.5 * self.weight * self.term.value(self.z) + float(sums.sum())
 
+    def judge(self) -> None:
+        """Find out where the map lacks what the samples show, for `information`.
+
+        Not after an exchange of one frame: the map then knows of frames that are gone, and is farther from
+        those that are left, but no worse.
+        """
+        pull = self._work[-1]
+        self.term.pull(self.z, np.float32(self.weight), pull)
+        spread(doubt(self._discrepancy(pull)), self._lacks)
+
     def information(self) -> Image:
-        """(rows, columns): inverse variance of φ, by what the data say and what is hidden in them."""
-        out, told = (np.empty(self.term.shape[1:], np.float32) for _ in range(2))
-        pull, weight = self._work[-1], np.float32(self.weight)
-        self.term.pull(self.z, weight, pull)
-        apart = np.minimum(self._discrepancy(pull), np.float32(_APART))
-        spread(np.exp(np.float32(_TOLD) * apart), told)
-        told *= np.float32(_UNSURE * np.sqrt(max(1.0, _USUALLY / self.term.factor)) / self._reach)
+        """(rows, columns): inverse variance of φ, by what the data say and what `judge` found."""
         variance = max(1 / self.weight - MODEL**2, 1e-6 * MODEL**2)
-        data = self.z, self.term.curvature, np.float32(1 / variance)
-        team.share(kernels.informed, *data, self._bent, told, np.float32(_ERRED**2), out)
-        return out
+        return information(self.z, self.term, variance, self._lacks, self._bent, self._reach)

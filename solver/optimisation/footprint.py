@@ -192,6 +192,15 @@ class AreaTerm:
         """(rows + 4, columns + 4): about the diagonal of Aᵀ Ω A; a footprint spreads over taps²."""
         return self.curvature * self.curvature.dtype.type(1 / self._size**2)
 
+    @property
+    def covariance(self) -> NDArray[np.floating]:
+        """(2 taps + 1,): along one axis, what pixels so far apart see alike, of sum 1; AᵀA over its row sums.
+
+        Samples lie anywhere between pixels, so their bilinear shares correlate by 1/6, 2/3, 1/6 in the mean.
+        """
+        taps = self._taps[: self._size]
+        return np.convolve(np.convolve(taps, taps), np.array([1, 4, 1]) / 6)
+
     def pull(self, x: NDArray[np.floating], factor: np.floating, out: NDArray[np.floating]) -> None:
         """out ← factor · Aᵀ Ω (A x − y) at the padded map x."""
         team.share(blur.transform, x, self._stencil, self._side, self._taps, self._size, factor, out)

@@ -8,7 +8,6 @@ import pytest
 from solver import Fused, FusionOptions, fuse
 from solver.geometry.positions import sample_positions
 from solver.methods.phasor import _run
-from solver.optimisation.discrepancy import discrepancy, eased
 from solver.optimisation.factored import Factored
 from solver.optimisation.footprint import AreaTerm
 from solver.optimisation.schedule import SCHEDULE, Step
@@ -287,27 +286,6 @@ def test_sharp_steps_lower_the_objective():
     for _ in range(4):
         descent.descend(Step(1.0, 40), 1000)
     assert descent.objective() < before
-
-
-def test_the_prior_gives_way_where_all_samples_pull_one_way_and_stays_where_noise_pulls():
-    scene = Scene(np.full_like(ROW, 2.0), np.full_like(ROW, 3000.0))
-    fitted = course(scene)
-    weight = np.float32(fitted.weight)
-
-    def apart(offset):
-        state = fitted.state.copy()
-        state[0], state[1] = 0, np.float32((2.0 + offset) * 2 * np.pi / RANGE)
-        z = np.exp(state[:1] + 1j * state[1:])
-        parts = np.concatenate([z.real, z.imag]).astype(np.float32)
-        pull = np.zeros_like(parts)
-        fitted.term.pull(parts, weight, pull)
-        ease = np.full((32, 36), 2, np.float32)
-        return eased(ease, discrepancy(parts, pull, fitted.term.bend, weight, 4))[6:-6, 6:-6] / 2
-
-    # The truth leaves noise alone, in units of what agrees.
-    assert 1.0 < apart(0.0).mean() < 1.7
-    sample = NOISE / 3000 * RANGE / (2 * np.pi)
-    assert 3 < apart(sample / 2).mean() < 8  # of twelve frames; at most 10
 
 
 def test_any_number_of_threads_gives_the_same_bits():
