@@ -19,8 +19,8 @@ from solver.runtime import team
 Image = NDArray[np.floating]
 
 _MEAN = np.array([1, 4, 6, 4, 1], np.float32) / 16
-"""Of gradients, over low-resolution pixels along one axis. Noise falls to a quarter by it, waves of six pixels
-to a half; with a wider mean the edges of stairs are taken for relief."""
+"""Of gradients, over low-resolution pixels along one axis. Noise falls to a quarter by it, waves of six
+pixels to a half; with a wider mean the edges of stairs are taken for relief."""
 
 _WINDOW = 5
 """Low-resolution pixels to a side over which squares are averaged: of fewer the mean is uncertain, and over
