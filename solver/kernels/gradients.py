@@ -17,12 +17,21 @@ def _turn(z, pull, curvature, weight, i, turned, expected):  # type: ignore[no-u
         expected[j] = weight * m[j] * (a[j] * a[j] + b[j] * b[j])
 
 
+@njit(fastmath=True)
+def _gather(turned, expected, total, squares, noise):  # type: ignore[no-untyped-def]
+    for j in range(turned.size):
+        total[j] += turned[j]
+        squares[j] += turned[j] * turned[j]
+        noise[j] += expected[j]
+
+
 @njit(nogil=True, cache=True)
 def turn(rank, size, z, pull, curvature, weight, factor, out):  # type: ignore[no-untyped-def]
-    """out (2, rows / factor, columns / factor) ← sums over cells of factor × factor pixels; by a team.
+    """out (3, rows / factor, columns / factor) ← sums over cells of factor × factor pixels; by a team.
 
-    Of what the data turn φ by, and of the variance that noise alone would give it if each pixel had its own:
-    with samples of variance 1 / weight, pull = weight · Aᵀ noise has the covariance weight · AᵀA.
+    Of what the data turn φ by, of its squares, and of the variance that noise alone would give it if each
+    pixel had its own: with samples of variance 1 / weight, pull = weight · Aᵀ noise has the covariance
+    weight · AᵀA.
 
     Args:
         z: (2, rows + 4, columns + 4), the phasors.
@@ -30,15 +39,16 @@ def turn(rank, size, z, pull, curvature, weight, factor, out):  # type: ignore[n
         curvature: (rows + 4, columns + 4), padded by 2, row sums of AᵀA.
         weight: a number.
         factor: pixels.
-        out: (2, rows / factor, columns / factor).
+        out: (3, rows / factor, columns / factor).
     """
     cells, across = out.shape[1:]
-    lines, sums = np.empty((2, across * factor), out.dtype), np.zeros((2, across * factor), out.dtype)
+    lines = np.empty((2, across * factor), out.dtype)
+    sums = np.zeros((3, across * factor), out.dtype)
     for cell in range(rank * cells // size, (rank + 1) * cells // size):
         sums[:] = 0
         for row in range(cell * factor, (cell + 1) * factor):
             _turn(z, pull, curvature, weight, row + 2, lines[0], lines[1])
-            sums += lines
-        for kind in range(2):
+            _gather(lines[0], lines[1], sums[0], sums[1], sums[2])
+        for kind in range(3):
             for j in range(across):
                 out[kind, cell, j] = sums[kind, j * factor : (j + 1) * factor].sum()

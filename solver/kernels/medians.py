@@ -113,11 +113,15 @@ def find(positions, rows, columns, places, beyond=0):  # type: ignore[no-untyped
         positions: (W, 2), pixels of frame 0.
         rows, columns: of the grid, `beyond` pixels that it is continued by on every side included.
     """
-    middle = np.float32(beyond + 0.5)
+    middle, none = np.float32(beyond + 0.5), np.float32(0)
+    height, width, across = np.float32(rows), np.float32(columns), np.int32(columns)
+    flat = positions.reshape(-1)
     for j in range(places.size):
-        u, v = positions[j, 0] + middle, positions[j, 1] + middle
-        inside = (u >= 0) & (u < rows) & (v >= 0) & (v < columns)  # also refuses NaN
-        places[j] = np.int32(u) * np.int32(columns) + np.int32(v) if inside else np.int32(-1)
+        u, v = flat[np.uintp(2 * j)] + middle, flat[np.uintp(2 * j + 1)] + middle
+        inside = (u >= none) & (u < height) & (v >= none) & (v < width)  # also refuses NaN
+        # Bounded, so that the loop is free of branches.
+        place = np.int32(min(max(u, none), height)) * across + np.int32(min(max(v, none), width))
+        places[j] = place if inside else np.int32(-1)
 
 
 @njit(error_model="numpy")

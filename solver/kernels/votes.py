@@ -3,14 +3,18 @@
 import numpy as np
 from numba import njit
 
+from solver.kernels.medians import find
+
 
 @njit
 def _brightest(measured, light):  # type: ignore[no-untyped-def]
     """The largest amplitude of a valid sample."""
     most = -np.inf
-    for k in range(measured.size):
-        if light.flat[k] > most and not np.isnan(measured.flat[k]):
-            most = light.flat[k]
+    for k in range(measured.shape[0]):
+        for i in range(measured.shape[1]):
+            for j in range(measured.shape[2]):
+                if light[k, i, j] > most and not np.isnan(measured[k, i, j]):
+                    most = light[k, i, j]
     return most if most > -np.inf else np.inf
 
 
@@ -29,16 +33,20 @@ def vote(used, measured, light, positions, asked, votes):  # type: ignore[no-unt
         votes: (3, H, W), in place.
     """
     frames, rows, columns = used.shape
-    most = _brightest(measured, light)
+    wanted, cast = asked.reshape(-1), votes.reshape(3, -1)
+    places = np.empty(columns, np.int32)
+    most, searched = np.inf, False
     for k in range(frames):
         for i in range(rows):
+            find(positions[k, i], rows, columns, places)
             for j in range(columns):
-                row, column = positions[k, i, j, 0] + 0.5, positions[k, i, j, 1] + 0.5
-                if not (0 <= row < rows and 0 <= column < columns and asked[int(row), int(column)]):
+                if places[j] < 0 or not wanted[np.uintp(places[j])]:
                     continue
                 cause = 0
                 if np.isnan(measured[k, i, j]):
+                    if not searched:
+                        most, searched = _brightest(measured, light), True
                     cause = 1 if light[k, i, j] > most else 0
                 elif np.isnan(used[k, i, j]):
                     cause = 2
-                votes[cause, int(row), int(column)] += 1
+                cast[cause, np.uintp(places[j])] += 1

@@ -136,6 +136,7 @@ class Factored:
     _work: tuple[Image, ...] = field(init=False)
     _bend: Image = field(init=False)
     _reach: float = field(init=False)
+    _noisy: float = field(init=False)
     _moved: bool = field(init=False, default=False)
     _ease: Image = field(init=False)
     _loose: Image = field(init=False)
@@ -157,7 +158,8 @@ class Factored:
         self._ease = np.ones([n // self.term.factor for n in self.term.shape[1:]], np.float32)
         self._square, self._lit = np.ones(shape[1:], np.float32), np.ones(shape[1:], np.float32)
         self._power = np.zeros(shape[1:], np.float32)
-        self._reach = self.term.factor * _REACH * (self._doubt(length) / _CALM) ** _REACHING
+        self._noisy = self._doubt(length) / _CALM
+        self._reach = self.term.factor * _REACH * self._noisy**_REACHING
         self._move(self._work[0])
 
     @property
@@ -197,7 +199,7 @@ class Factored:
         return rounds
 
     def _discrepancy(self, pull: Image) -> Image:
-        return discrepancy(self.z, pull, self.term, np.float32(self.weight))
+        return discrepancy(self.z, pull, self.term, np.float32(self.weight), self._noisy)
 
     def _find_tilt(self, blunt: float) -> Image:
         """(1, 2, rows + 4, columns + 4): what the surroundings foretell of φ's rise by row and by column."""
@@ -252,7 +254,7 @@ class Factored:
         """
         pull = self._work[-1]
         self.term.pull(self.z, np.float32(self.weight), pull)
-        spread(doubt(self._discrepancy(pull)), self._lacks)
+        spread(doubt(self._discrepancy(pull), self._noisy), self._lacks)
 
     def information(self) -> Image:
         """(rows, columns): inverse variance of φ, by what the data say and what `judge` found."""

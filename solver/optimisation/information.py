@@ -9,19 +9,23 @@ from solver.runtime import team
 
 Image = NDArray[np.floating]
 
-_UNSURE, _TOLD, _FAR = 0.045, 0.9, 2.5
-"""The variance of φ is 0.045 √β exp(0.9 D) n^¾ x^¼, by trial: n is the noise of the samples over a square of
-the reach, x the squared second differences of the slopes, times the reach, and D the discrepancy, 2.5 at
-most: x tells the rest. A map that is smoothed best errs about alike by noise and by relief that is lost, and
-both grow with either. By n alone it would be too sure where it is bright and too timid where it is dim."""
+_UNSURE, _TOLD, _FAR = 0.031, 0.7, 4.0
+"""The variance of φ is 0.031 √β exp(0.7 D) n^¾ x^¼, by trial: n is the noise of the samples over a square of
+the reach, x the squared second differences of the slopes, times the reach, and D the discrepancy times the
+noise to `_NOISIER`, 4 at most: x tells the rest. A map that is smoothed best errs about alike by noise and by
+relief that is lost, and both grow with either. By n alone it would be too sure where it is bright and too
+timid where it is dim."""
+
+_NOISIER = 0.15
 
 _ERRED = 0.0001 * 2 * np.pi / 7.5
 """What φ errs by however many samples there are."""
 
 
-def doubt(ratio: Image) -> Image:
-    """What a discrepancy multiplies the variance by."""
-    factor: Image = np.exp(np.float32(_TOLD) * np.minimum(ratio, np.float32(_FAR)))
+def doubt(ratio: Image, noise: float) -> Image:
+    """What a discrepancy multiplies the variance by, where there is so much noise, as for `discrepancy`."""
+    apart = np.minimum(ratio * np.float32(noise**_NOISIER), np.float32(_FAR))
+    factor: Image = np.exp(np.float32(_TOLD) * apart)
     return factor
 
 

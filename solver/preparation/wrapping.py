@@ -2,7 +2,7 @@
 
 A distance is an angle. What is farther than the range seems to be next to the camera, and noise carries what
 is near the end across it; methods that average distances take both for what they say. So the circle is cut
-where nothing is: what seems nearer than the cut is taken to be a whole range farther.
+where nothing is, or least: what seems nearer than the cut is taken to be a whole range farther.
 """
 
 import numpy as np
@@ -14,7 +14,8 @@ _PARTS = 24
 """Of the range, in which samples are counted; a sample with a deviation of more than one is not."""
 
 _NONE = 1e-3
-"""The part of the samples that is as good as none: wild ones are spread over the whole range."""
+"""The part of the samples that is as good as none: wild ones are spread over the whole range. Where no part
+has so few, the one that has least is taken."""
 
 _THINNED = 3
 """One pixel in so many squared is counted."""
@@ -25,8 +26,8 @@ def find_cut(distance: Image, sigma: Image, ambiguity_range: float) -> float:
     thinned = np.s_[:, ::_THINNED, ::_THINNED]
     told = distance[thinned][sigma[thinned] <= ambiguity_range / _PARTS]
     count = np.histogram(told, _PARTS, (0.0, ambiguity_range))[0]
-    empty = np.flatnonzero(count <= _NONE * count.sum())
-    if not empty.size or empty[-1] == _PARTS - 1:
+    empty = np.flatnonzero(count <= max(_NONE * count.sum(), count.min()))
+    if empty[-1] == _PARTS - 1:
         return 0.0
     return float(empty[0] + 1) * ambiguity_range / _PARTS
 

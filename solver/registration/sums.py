@@ -41,7 +41,8 @@ class Sums:
     def add(self, points: Points, place: Place) -> None:
         """Add points, whose weights are typically one, at places (rows, columns)."""
         samples = points.values, points.weights, *place, points.first
-        others = np.zeros_like(self.images)
+        one_frame = len(points.first) == 2  # which has no second half
+        others = self.images[:, :0] if one_frame else np.zeros_like(self.images)
         team.hand_out(
             len(points.weights),
             accumulate,
@@ -51,7 +52,8 @@ class Sums:
             self.images,
             others,
         )
-        self.images += others
+        if not one_frame:
+            self.images += others
         self.mass += float(points.weights.sum())
 
     def solve(self, *, smoothing: float, sweeps: int, start: Image | None = None) -> Mosaic:

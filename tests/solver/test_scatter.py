@@ -19,7 +19,7 @@ def placed(frames: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.rando
     shifts = random.uniform(-0.5, 0.5, (frames, 2))
     shifts[0] = 0
     grid = np.moveaxis(np.indices((ROWS, COLUMNS)), 0, -1)
-    return shifts, (grid + shifts[:, None, None]).astype(np.float32), random
+    return shifts, np.ascontiguousarray(grid + shifts[:, None, None], np.float32), random
 
 
 def dark_box(frames: int, noise: float = NOISE) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -13,6 +13,9 @@ Point = tuple[float, float, float]
 PIXEL = 0.01
 """m that a pixel covers 2 m away."""
 
+SLAB = 1.2
+"""m of a carved slab, which is more than the camera sees from any pose."""
+
 
 def turn(axis: str, degrees: float) -> NDArray[np.float64]:
     """(3, 3) rotation about an axis."""
@@ -95,6 +98,33 @@ def hills(height: float, finest: float, seed: int, texture: Texture | None, tilt
         (0, 0, 2.0), 1.6, 1.6, 0.6, texture=texture, relief=Relief(textures.waves(height, seed, finest))
     )
     return ground.turned(turn("y", tilt), (0, 0, 2.0))
+
+
+def carved(heights: NDArray[np.float32], texture: Texture | None) -> Surface:
+    """A slab of `SLAB` metres 2 m away with these heights."""
+    return plate((0, 0, 2.0), SLAB, SLAB, 0.6, texture=texture, relief=Relief(heights))
+
+
+def ribs(longest: float, shortest: float, steepness: float) -> NDArray[np.float32]:
+    """Upright waves of a slab whose lengths (m) fall from left to right, as steep everywhere."""
+    at = np.arange(textures.SIDE) / textures.SIDE
+    lengths = longest * (shortest / longest) ** at
+    phase = np.cumsum(2 * np.pi / lengths) * SLAB / textures.SIDE
+    waves = steepness * lengths * np.sin(phase) / (2 * np.pi)
+    return np.broadcast_to(waves, (textures.SIDE, textures.SIDE)).astype(np.float32)
+
+
+def hatched(seed: int, side: int, shortest: float, longest: float, steepness: float) -> NDArray[np.float32]:
+    """Squares (side × side over a slab) of waves of their own direction and length, m; some are level."""
+    random = np.random.default_rng(seed)
+    v, u = np.mgrid[: textures.SIDE, : textures.SIDE] / textures.SIDE
+    found = np.zeros_like(u)
+    for row, column in np.ndindex(side, side):
+        angle, length = random.uniform(0, np.pi), random.uniform(shortest, longest)
+        inside = (v * side // 1 == row) & (u * side // 1 == column)
+        phase = 2 * np.pi * SLAB * (v * np.sin(angle) + u * np.cos(angle)) / length
+        found += (random.random() < 0.75) * inside * steepness * length / (2 * np.pi) * np.sin(phase)
+    return found.astype(np.float32)
 
 
 def scattered(

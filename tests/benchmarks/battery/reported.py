@@ -4,9 +4,11 @@ import numpy as np
 from parts import (
     bar,
     box,
+    carved,
     checked,
     cobbles,
     glints,
+    hatched,
     hills,
     patched,
     printed,
@@ -129,6 +131,11 @@ def _cobbles() -> Scene:
     return scene("cobbles", wall(2.1, 0.4), cobbles(47, 160, 0.025, 0.07))
 
 
+def _carving() -> Scene:
+    """Hatched squares of an eighth of a metre, waves of two pixels to six."""
+    return scene("carving", carved(hatched(63, 8, 0.02, 0.06, 0.5), patched(0.4, 65, 0.4)))
+
+
 def _lamps() -> Scene:
     """Small bright things before a dim wall, and on posts."""
     posts = [bar((-0.35 + 0.1 * k, 0.4, 1.9), (-0.35 + 0.1 * k, -0.1, 1.9), 0.015, 0.5) for k in range(7)]
@@ -147,7 +154,7 @@ REPORTED = {
     f.__name__[1:]: f
     for f in (
         _clutter, _frame, _waves, _treads, _bright, _soot, _fence, _sky, _far, _desk, _cobbles,
-        _lamps, _wedges, _objects
+        _carving, _lamps, _wedges, _objects
     )
 }  # fmt: skip
 """Builders by name; `wedges` and `objects` are those of the bundled recordings, in the smaller view."""

@@ -4,11 +4,13 @@ import numpy as np
 from parts import (
     bar,
     box,
+    carved,
     checked,
     glints,
     hills,
     patched,
     printed,
+    ribs,
     scattered,
     scene,
     stairs,
@@ -129,6 +131,11 @@ def _rough() -> Scene:
     return scene("rough", hills(0.012, 0.016, 41, patched(0.3, 35, 0.4)))
 
 
+def _ribs() -> Scene:
+    """Waves of eight pixels to two, a few millimetres high."""
+    return scene("ribs", carved(ribs(0.08, 0.02, 0.5), patched(0.4, 61, 0.4)))
+
+
 def _gloss() -> Scene:
     """Things that return ten times the light of what is around them."""
     back = wall(2.4, 0.25, texture=patched(0.5, 37, 0.6)).turned(turn("y", 15), (0, 0, 2.4))
@@ -139,7 +146,7 @@ TUNING = {
     f.__name__[1:]: f
     for f in (
         _boxes, _cut, _blobs, _stairs, _dark, _wires, _open, _slant, _floor, _dusk, _net, _brink,
-        _rough, _gloss
+        _rough, _ribs, _gloss
     )
 }  # fmt: skip
 """Builders by name."""
