@@ -38,10 +38,10 @@ _AROUND = 0.7
 _TAPS = 3
 """To either side: 4 deviations."""
 
-_RENEWED, _BLUNTER = 8, 8.0
-"""The most iterations of the last pass where a stream is prepared anew, and the factor on the ε at which a
-pass, or the one before it, ended, for the start of the next: to the end, or from the bluntest ε, it would
-take several times as many, for a map that is no better."""
+_RENEWED, _BLUNTER = 6, 8.0
+"""The most iterations of a pass with weights where a stream is prepared anew, and the factor on the ε at
+which a pass, or the one before it, ended, for the start of the next: to the end, or from the bluntest ε, it
+would take several times as many, for a map that is no better."""
 
 _NEAR = 4.0
 """Factor on the tolerance of the last pass with weights: nearer to its minimum a map is no nearer to the
@@ -140,8 +140,8 @@ def minimise_reweighted(
     """Run all passes; `max_iterations` bounds them together, one iteration each at least.
 
     Without a plan there is one pass, not weighted. It starts from the state `first()`, in units of λ, or
-    from the `trail` of a run before, whose outcome is not certified: its gap is NaN. Where
-    that one's last pass has gone on since, it is not run to its end either.
+    from the `trail` of a run before, whose outcome is not certified: its gap is NaN. Where that one's last
+    pass has gone on since, those with weights are not run to their end.
     """
     state, swings = first() if trail is None else trail.start(0, unit), None
     ends, done = Trail(unit, plan, [state], [term]), 0
@@ -154,7 +154,7 @@ def minimise_reweighted(
             prior,
             ends.states[number],
             tolerance=late * options.tolerance if last else max(options.tolerance, early),
-            limit=max(1, min(options.max_iterations - done, enough if last else options.max_iterations)),
+            limit=max(1, min(options.max_iterations - done, enough if number else options.max_iterations)),
             scale=unit.scale**2,
             progress=progress,
             certify=last and trail is None,
