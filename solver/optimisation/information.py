@@ -9,8 +9,8 @@ from solver.runtime import team
 
 Image = NDArray[np.floating]
 
-_UNSURE, _TOLD, _FAR = 0.031, 0.7, 4.0
-"""The variance of φ is 0.031 √β exp(0.7 D) n^¾ x^¼, by trial: n is the noise of the samples over a square of
+_UNSURE, _TOLD, _FAR = 0.033, 0.7, 4.0
+"""The variance of φ is 0.033 √β exp(0.7 D) n^¾ x^¼, by trial: n is the noise of the samples over a square of
 the reach, x the squared second differences of the slopes, times the reach, and D the discrepancy times the
 noise to `_NOISIER`, 4 at most: x tells the rest. A map that is smoothed best errs about alike by noise and by
 relief that is lost, and both grow with either. By n alone it would be too sure where it is bright and too

@@ -44,6 +44,12 @@ def test_samples_that_may_lie_anywhere_do_not_count() -> None:
     assert find_cut(distance, sigma, RANGE) == 0.0
 
 
+def test_where_there_are_some_everywhere_the_cut_is_where_there_are_least() -> None:
+    distance = spread(3.0, 9.0)
+    distance[0, ::3, 0] = np.linspace(1.3, 2.9, 8)  # one of twenty that are counted
+    assert 1.5 < find_cut(distance, certain(distance), RANGE) <= 3.0
+
+
 def test_a_range_full_of_samples_is_not_cut() -> None:
     distance = spread(0.0, RANGE)
     assert find_cut(distance, certain(distance), RANGE) == 0.0
