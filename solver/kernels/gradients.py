@@ -30,13 +30,13 @@ def turn(rank, size, z, pull, curvature, weight, factor, out):  # type: ignore[n
     """out (3, rows / factor, columns / factor) ← sums over cells of factor × factor pixels; by a team.
 
     Of what the data turn φ by, of its squares, and of the variance that noise alone would give it if each
-    pixel had its own: with samples of variance 1 / weight, pull = weight · Aᵀ noise has the covariance
-    weight · AᵀA.
+    pixel had its own: with samples of variance 1 / weight each over its Ω, pull = weight · AᵀΩ noise
+    has the covariance weight · AᵀΩA.
 
     Args:
         z: (2, rows + 4, columns + 4), the phasors.
         pull: (2, rows + 4, columns + 4), the data term's gradient in Z.
-        curvature: (rows + 4, columns + 4), padded by 2, row sums of AᵀA.
+        curvature: (rows + 4, columns + 4), padded by 2, row sums of AᵀΩA.
         weight: a number.
         factor: pixels.
         out: (3, rows / factor, columns / factor).

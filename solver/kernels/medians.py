@@ -110,7 +110,7 @@ def find(positions, rows, columns, places, beyond=0):  # type: ignore[no-untyped
     """places ← the flat number of the pixel of the grid under each sample of a row, −1 outside.
 
     Args:
-        positions: (W, 2), pixels of frame 0.
+        positions: (W, 2), pixels of frame 0, contiguous.
         rows, columns: of the grid, `beyond` pixels that it is continued by on every side included.
     """
     middle, none = np.float32(beyond + 0.5), np.float32(0)

@@ -86,8 +86,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
         course, steps = _begin(problem), SCHEDULE if before is None else _RENEWED
     watch = course is not before and problem.contradicted > _DISPUTED
     taken, converged = _run(course, steps, problem.options.max_iterations, progress, watch)
-    if steps is not _FOLLOWED:
-        course.judge()
+    course.judge(followed=steps is _FOLLOWED)
     return _solution(problem, course, taken, converged, fresh=initial is None)
 
 
@@ -112,7 +111,10 @@ def _follow(problem: Problem, course: Factored) -> Sequence[Step]:
         slot = slice(number, number + 1)
         samples = _samples(problem, course.scale, slot)
         course.term.exchange(number, *samples, problem.positions[slot], course.z)
-    return _FOLLOWED if len(problem.exchanged) == 1 else _CHANGED
+    if len(problem.exchanged) == 1:
+        return _FOLLOWED
+    course.forget()
+    return _CHANGED
 
 
 def _run(

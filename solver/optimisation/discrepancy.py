@@ -28,8 +28,8 @@ more a rough thing frees what is beside it."""
 
 _WIDE, _FINE = 0.55, 0.88
 """The squares at which map and samples agree, of gradients that are averaged and of those that are not, in
-units of noise that nothing is fitted to. A smooth surface has less, 0.2 to 0.5 and 0.7 to 0.9. Waves of under
-four pixels are told by the second ones alone, weak ones by the first."""
+units of noise that nothing is fitted to. Bright smooth surfaces have 0.2 to 0.6 and 0.75 to 0.95, dim ones
+up to 0.75 and 1. Waves of under four pixels are told by the second ones alone, weak ones by the first."""
 
 _NOISIER, _NOISIER_FINE = 0.3, 0.15
 """The powers of the noise that these go with: where there is much of it, less is fitted to it."""
@@ -43,7 +43,7 @@ that is free swings."""
 
 
 def discrepancy(z: Image, pull: Image, term: AreaTerm, weight: np.floating, noise: float) -> Image:
-    """How far map and samples are apart, (rows / β, columns / β); at 1 they agree.
+    """How far map and samples are apart, (rows // β, columns // β); at 1 they agree.
 
     Args:
         z: (2, rows + 4, columns + 4), the phasors, padded.
@@ -90,5 +90,5 @@ def hidden(ratio: Image) -> Image:
 
 
 def spread(image: Image, out: Image) -> None:
-    """out (rows, columns) ← an image (rows / factor, columns / factor), interpolated."""
+    """out (rows, columns) ← one of low-resolution pixels, interpolated."""
     cv2.resize(image, out.shape[::-1], dst=out, interpolation=cv2.INTER_LINEAR)

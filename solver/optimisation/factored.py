@@ -154,7 +154,8 @@ class Factored:
         self._work = tuple(np.zeros(shape, np.float32) for _ in range(5))
         self.z, self._bend = np.zeros(shape, np.float32), self.term.bend * np.float32(_STIFF)
         self._loose = np.ones(shape[1:], np.float32)
-        self._near, self._lacks = (np.zeros(self.term.shape[1:], np.float32) for _ in range(2))
+        self._near = np.zeros(self.term.shape[1:], np.float32)
+        self._lacks = np.ones(self.term.shape[1:], np.float32)
         self._ease = np.ones([n // self.term.factor for n in self.term.shape[1:]], np.float32)
         self._square, self._lit = np.ones(shape[1:], np.float32), np.ones(shape[1:], np.float32)
         self._power = np.zeros(shape[1:], np.float32)
@@ -246,15 +247,21 @@ class Factored:
         team.share(pairs.cost, self.state, self.z, self._loose, self._tilt[0], *self._laws(1.0), sums)
         return 0.5 * self.weight * self.term.value(self.z) + float(sums.sum())
 
-    def judge(self) -> None:
+    def judge(self, *, followed: bool) -> None:
         """Find out where the map lacks what the samples show, for `information`.
 
-        Not after an exchange of one frame: the map then knows of frames that are gone, and is farther from
-        those that are left, but no worse.
+        Args:
+            followed: one frame was exchanged. The map then knows of frames that are gone, and is farther
+                from those that are left, but no worse; so no more is found than was before.
         """
-        pull = self._work[-1]
+        pull, found = self._work[-1], np.empty_like(self._lacks)
         self.term.pull(self.z, np.float32(self.weight), pull)
-        spread(doubt(self._discrepancy(pull), self._noisy), self._lacks)
+        spread(doubt(self._discrepancy(pull), self._noisy), found)
+        self._lacks = np.minimum(self._lacks, found) if followed else found
+
+    def forget(self) -> None:
+        """Take surfaces for smooth: where the scene is another one, what was found hidden is not."""
+        self._near[:] = 0
 
     def information(self) -> Image:
         """(rows, columns): inverse variance of φ, by what the data say and what `judge` found."""

@@ -96,6 +96,7 @@ class AreaTerm:
         sums = np.zeros_like(inside)
         self._transform(inside, np.zeros((1, 0, 0), inside.dtype), sums)
         sums *= 0.5
+        np.maximum(sums, 0, out=sums)  # what distrust takes off leaves rounding
         return np.asarray(sums[0])
 
     def _placed(

@@ -141,7 +141,7 @@ def minimise_reweighted(
 
     Without a plan there is one pass, not weighted. It starts from the state `first()`, in units of λ, or
     from the `trail` of a run before, whose outcome is not certified: its gap is NaN. Where that one's last
-    pass has gone on since, those with weights are not run to their end.
+    pass has gone on since, those with weights, or the only one, are not run to their end.
     """
     state, swings = first() if trail is None else trail.start(0, unit), None
     ends, done = Trail(unit, plan, [state], [term]), 0
@@ -149,12 +149,13 @@ def minimise_reweighted(
     enough = _RENEWED if trail is not None and trail.followed else options.max_iterations
     for number in range(passes + 1):
         last = number == passes
+        most = enough if last or number > 0 else options.max_iterations
         outcome = minimise(
             ends.terms[number],
             prior,
             ends.states[number],
             tolerance=late * options.tolerance if last else max(options.tolerance, early),
-            limit=max(1, min(options.max_iterations - done, enough if number else options.max_iterations)),
+            limit=max(1, min(options.max_iterations - done, most)),
             scale=unit.scale**2,
             progress=progress,
             certify=last and trail is None,

@@ -13,21 +13,27 @@ Image = NDArray[np.float32]
 _PARTS = 24
 """Of the range, in which samples are counted; a sample with a deviation of more than one is not."""
 
-_NONE = 1e-3
+_NONE, _LESS = 1e-3, 0.25
 """The part of the samples that is as good as none: wild ones are spread over the whole range. Where no part
-has so few, the one that has least is taken."""
+has so few, the one that has least is taken, if that is under a quarter of what is at either end."""
 
 _THINNED = 3
 """One pixel in so many squared is counted."""
 
 
 def find_cut(distance: Image, sigma: Image, ambiguity_range: float) -> float:
-    """The distance under which samples (N, H, W) lie beyond the range; 0 where nothing is near its end."""
+    """The distance under which samples (N, H, W) lie beyond the range.
+
+    0 where nothing is near its end, and where no part of it has clearly less than that.
+    """
     thinned = np.s_[:, ::_THINNED, ::_THINNED]
     told = distance[thinned][sigma[thinned] <= ambiguity_range / _PARTS]
     count = np.histogram(told, _PARTS, (0.0, ambiguity_range))[0]
-    empty = np.flatnonzero(count <= max(_NONE * count.sum(), count.min()))
-    if empty[-1] == _PARTS - 1:
+    none = _NONE * count.sum()
+    if count.min() < _LESS * min(count[0], count[-1]):
+        none = max(none, count.min())
+    empty = np.flatnonzero(count <= none)
+    if not empty.size or empty[-1] == _PARTS - 1:
         return 0.0
     return float(empty[0] + 1) * ambiguity_range / _PARTS
 

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from solver.geometry.positions import sample_positions
+from solver.kernels import agreement
 from solver.kernels.group import PAD
 from solver.optimisation.discrepancy import discrepancy, eased, hidden
 from solver.optimisation.footprint import AreaTerm
+from solver.optimisation.information import doubt
 from solver.options import Footprint
 
 FRAMES, ROWS, COLUMNS = 12, 40, 44
@@ -68,3 +70,21 @@ def test_what_is_hidden_is_sure_well_beyond_agreement():
     assert (hidden(np.array([0.3, 1.0], np.float32)) == 0).all()
     assert 0 < hidden(np.array([1.3], np.float32))[0] < 1
     assert (hidden(np.array([2.0, 9.0], np.float32)) == 1).all()
+
+
+def test_slopes_are_brought_nearer_to_others_by_their_share():
+    rng = np.random.default_rng(4)
+    near, out = (rng.normal(size=(2, 11, 12)).astype(np.float32) for _ in range(2))
+    measure = rng.uniform(1, 2, (11, 12)).astype(np.float32)
+    share = rng.uniform(size=(7, 8)).astype(np.float32)
+    inner = np.s_[:, 2:-2, 2:-2]
+    wanted = out[inner] + share * (near[inner] * measure[inner[1:]] - out[inner])
+    agreement.bring(0, 1, near, measure, share, out)
+    np.testing.assert_allclose(out[inner], wanted, rtol=1e-5, atol=1e-6)
+
+
+def test_what_is_found_hidden_makes_a_map_less_sure():
+    doubts = doubt(np.array([0.0, 1.0, 3.0, 9.0], np.float32), 1.0)
+    assert doubts[0] == 1
+    assert (np.diff(doubts[:3]) > 0).all()
+    assert doubts[3] == pytest.approx(float(doubt(np.array([5.0], np.float32), 1.0)[0]), rel=1e-5)

@@ -286,3 +286,15 @@ def test_frames_of_a_short_window_do_not_drift(window: int) -> None:
     # One after the other alone they would be as far off as the errors of all before sum up to.
     assert np.sqrt(np.mean(off[-20:] ** 2)) < 0.05
     assert np.sqrt(np.mean(off[-20:] ** 2)) < 1.5 * np.sqrt(np.mean(off[1:21] ** 2))
+
+
+@pytest.mark.parametrize(("method", "most"), [("lidarboost", 6), ("area", 24)])
+def test_a_stream_that_is_prepared_anew_is_not_run_to_its_end(method: str, most: int) -> None:
+    distance, amplitude, shifts = long_stream(34)
+    distance += np.random.default_rng(6).normal(0, 0.1, distance.shape).astype(np.float32)
+    sliding = SlidingFusion(FusionOptions(method=method), window=10, noise=100.0)  # type: ignore[arg-type]
+    taken = [
+        sliding.push(frame, light, shift=shift).report.iterations
+        for frame, light, shift in zip(distance, amplitude, shifts, strict=True)
+    ]
+    assert max(taken[12:]) <= most < 0.7 * taken[9]

@@ -50,8 +50,9 @@ def test_where_there_are_some_everywhere_the_cut_is_where_there_are_least() -> N
     assert 1.5 < find_cut(distance, certain(distance), RANGE) <= 3.0
 
 
-def test_a_range_full_of_samples_is_not_cut() -> None:
-    distance = spread(0.0, RANGE)
+@pytest.mark.parametrize("columns", [88, 89, 120, 176])
+def test_a_range_that_is_full_of_samples_is_not_cut(columns: int) -> None:
+    distance = np.random.default_rng(columns).uniform(0, RANGE, (4, 72, columns)).astype(np.float32)
     assert find_cut(distance, certain(distance), RANGE) == 0.0
 
 
