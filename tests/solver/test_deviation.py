@@ -55,3 +55,19 @@ def test_what_lies_far_from_all_samples_has_no_absurd_deviation(method: Method) 
     fused = fuse(distance, light, shifts=shifts, options=options, ambiguity_range=7.5, noise=10.0)
     stated = fused.deviation[np.isfinite(fused.distance)]
     assert 0 < stated.min() <= stated.max() < 1000
+
+
+@pytest.mark.parametrize("upsampling", [4, 8])
+def test_every_known_distance_has_a_deviation_though_samples_contradict_each_other(
+    upsampling: int,
+) -> None:
+    rng = np.random.default_rng(0)
+    shape, shifts = (5, 9, 11), rng.uniform(-0.6, 0.6, (5, 2))
+    shifts[0] = 0
+    distance = (2 + 0.3 * rng.random(shape)).astype(np.float32)
+    amplitude = rng.uniform(100, 3000, shape).astype(np.float32)
+    options = FusionOptions(method="phasor", upsampling=upsampling)
+    fused = fuse(distance, amplitude, shifts=shifts, ambiguity_range=7.5, noise=1e-3, options=options)
+    known = np.isfinite(fused.distance)
+    assert known.any()
+    assert np.isfinite(fused.deviation[known]).all()
