@@ -50,7 +50,7 @@ def discrepancy(z: Image, pull: Image, term: AreaTerm, weight: np.floating, nois
         pull: (2, rows + 4, columns + 4), the data term's gradient in Z.
         term: the data term.
         weight: inverse variance of a sample's component.
-        noise: deviation of the usual light, in units of the usual one.
+        noise: in units of the usual light, over what it usually is there.
     """
     shape = [n // term.factor for n in term.shape[1:]]
     sums: Image = np.empty((3, *shape), z.dtype)

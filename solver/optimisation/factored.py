@@ -142,7 +142,7 @@ class Factored:
     _loose: Image = field(init=False)
     _bent: Image = field(init=False)
     _near: Image = field(init=False)
-    _lacks: Image = field(init=False)
+    _doubts: Image = field(init=False)
 
     def __post_init__(self) -> None:
         mean = self.term.mean()
@@ -155,7 +155,7 @@ class Factored:
         self.z, self._bend = np.zeros(shape, np.float32), self.term.bend * np.float32(_STIFF)
         self._loose = np.ones(shape[1:], np.float32)
         self._near = np.zeros(self.term.shape[1:], np.float32)
-        self._lacks = np.ones(self.term.shape[1:], np.float32)
+        self._doubts = np.ones(self.term.shape[1:], np.float32)
         self._ease = np.ones([n // self.term.factor for n in self.term.shape[1:]], np.float32)
         self._square, self._lit = np.ones(shape[1:], np.float32), np.ones(shape[1:], np.float32)
         self._power = np.zeros(shape[1:], np.float32)
@@ -254,10 +254,10 @@ class Factored:
             followed: one frame was exchanged. The map then knows of frames that are gone, and is farther
                 from those that are left, but no worse; so no more is found than was before.
         """
-        pull, found = self._work[-1], np.empty_like(self._lacks)
+        pull, found = self._work[-1], np.empty_like(self._doubts)
         self.term.pull(self.z, np.float32(self.weight), pull)
         spread(doubt(self._discrepancy(pull), self._noisy), found)
-        self._lacks = np.minimum(self._lacks, found) if followed else found
+        self._doubts = np.minimum(self._doubts, found) if followed else found
 
     def forget(self) -> None:
         """Take surfaces for smooth: where the scene is another one, what was found hidden is not."""
@@ -266,4 +266,4 @@ class Factored:
     def information(self) -> Image:
         """(rows, columns): inverse variance of φ, by what the data say and what `judge` found."""
         variance = max(1 / self.weight - MODEL**2, 1e-6 * MODEL**2)
-        return information(self.z, self.term, variance, self._lacks, self._bent, self._reach)
+        return information(self.z, self.term, variance, self._doubts, self._bent, self._reach)

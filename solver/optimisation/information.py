@@ -17,6 +17,7 @@ relief that is lost, and both grow with either. By n alone it would be too sure 
 timid where it is dim."""
 
 _NOISIER = 0.15
+"""Half-way between a discrepancy in units of agreement, which grows with the noise, and in units of noise."""
 
 _ERRED = 0.0001 * 2 * np.pi / 7.5
 """What φ errs by however many samples there are."""

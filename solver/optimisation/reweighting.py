@@ -39,9 +39,9 @@ _TAPS = 3
 """To either side: 4 deviations."""
 
 _RENEWED, _BLUNTER = 6, 8.0
-"""The most iterations of a pass with weights where a stream is prepared anew, and the factor on the ε at
-which a pass, or the one before it, ended, for the start of the next: to the end, or from the bluntest ε, it
-would take several times as many, for a map that is no better."""
+"""The most iterations of a pass with weights, or of the only one, where a stream is prepared anew, and the
+factor on the ε at which a pass, or the one before it, ended, for the start of the next: to the end, or from
+the bluntest ε, it would take several times as many, for a map that is no better."""
 
 _NEAR = 4.0
 """Factor on the tolerance of the last pass with weights: nearer to its minimum a map is no nearer to the
