@@ -60,7 +60,8 @@ found elsewhere hold out against sharp steps. With fewer steps a growing window'
 
 _FOLLOWED = (Step(1.0, 2),)
 _CHANGED = tuple(replace(step, eases=False) for step in (*SCHEDULE[4:8:2], *SCHEDULE[-3:-1]))
-"""After an exchange of one frame, and of more, where the scene has changed; from the map before."""
+"""After an exchange of one frame, and of more, where the scene has changed; from the map before. While samples
+contradict each other the prior gives way no further: one that is free swings."""
 
 _TOLD = 150.0
 """Bluntness under which a map tells samples that it does not explain."""
@@ -111,10 +112,7 @@ def _follow(problem: Problem, course: Factored) -> Sequence[Step]:
         slot = slice(number, number + 1)
         samples = _samples(problem, course.scale, slot)
         course.term.exchange(number, *samples, problem.positions[slot], course.z)
-    if len(problem.exchanged) == 1:
-        return _FOLLOWED
-    course.forget()
-    return _CHANGED
+    return _FOLLOWED if len(problem.exchanged) == 1 else _CHANGED
 
 
 def _run(

@@ -259,10 +259,6 @@ class Factored:
         spread(doubt(self._discrepancy(pull), self._noisy), found)
         self._doubts = np.minimum(self._doubts, found) if followed else found
 
-    def forget(self) -> None:
-        """Take surfaces for smooth: where the scene is another one, what was found hidden is not."""
-        self._near[:] = 0
-
     def information(self) -> Image:
         """(rows, columns): inverse variance of φ, by what the data say and what `judge` found."""
         variance = max(1 / self.weight - MODEL**2, 1e-6 * MODEL**2)

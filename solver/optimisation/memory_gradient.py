@@ -68,6 +68,19 @@ class Memory:
         self._sums = np.zeros((x.shape[1] - 2 * PAD, 11))
         self._bent = 0.0
 
+    def follow(self, term: Term) -> None:
+        """Take the last step's products with an operator that has changed since.
+
+        Where the new data hold that step harder, old products would make the next one too long.
+        """
+        operator = term.operator()
+        product = self._curved_step
+        if operator.footprint is None:
+            product = term.curvature * self._step
+        else:
+            operator.multiply(self._step, product)
+        self._bent = float(np.sum(self._step * product))
+
     def iterate(
         self,
         term: Term,
@@ -77,11 +90,7 @@ class Memory:
         history: NDArray[np.float64],
         rule: tuple[float, float, float, float, int, int],
     ) -> None:
-        """Fill `history`, or stop where the objective has settled; see `solver.kernels.iteration`.
-
-        The step's product with the operator is taken from before, also where a small part of the data has
-        changed since.
-        """
+        """Fill `history`, or stop where the objective has settled; see `solver.kernels.iteration`."""
         x, operator, none = state.x, term.operator(), self._curved[:, :0, :0]
         footprint: Any = operator.footprint or (none, none, np.zeros(0, x.dtype), 0)
         ties = operator.ties or (np.zeros((6, 0, 0), np.uint8), np.zeros(0, x.dtype), none)
@@ -198,7 +207,10 @@ def minimise(
         memory: of a run before that ended at this state, on about the same data.
     """
     hide = _ROUNDING * tolerance if rounding is None else rounding
-    memory = memory or Memory(state.x, diagonal=term.operator().footprint is None)
+    if memory is None:
+        memory = Memory(state.x, diagonal=term.operator().footprint is None)
+    else:
+        memory.follow(term)
     fit = term.value(state.x) if state.fit is None else state.fit
     finest = _finest(state.x)
     nothing = 2 * finest * state.radius.size

@@ -37,7 +37,8 @@ class Window:
 
     The problem of a full window, unless its frames are few, changes frame by frame. Now and then it is
     prepared anew: noise, λ and what else belongs to all frames follow the scene that slowly, and sums that
-    frames are added to and taken from do not gather rounding errors.
+    frames are added to and taken from do not gather rounding errors. So it is where the scene has changed and
+    the frames agree again: what was learned of the former one, and a map that came from there, go.
 
     Attributes:
         grid: pose of the frame on whose grid positions are.
@@ -48,6 +49,7 @@ class Window:
         self._size, self._space = size, space
         self.entries: deque[Entry] = deque(maxlen=size)
         self.grid = space.origin()
+        self._changed, self._since_change = False, 0
         self.renew()
 
     def clear(self) -> None:
@@ -81,6 +83,7 @@ class Window:
             self.entries.extend(kept)
         full = len(self.entries) == self._size >= _MANY
         self.entries.append(entry)
+        self._since_change += 1
         if not (full and self._exchanged(entry)):
             self.renew()
         return moved
@@ -103,7 +106,16 @@ class Window:
             return False
         slot = self._exchanges % self._size
         self._exchanges += 1
-        return exchange(self._problem, slot, entry.distance, entry.amplitude, entry.positions)
+        sampled = exchange(self._problem, slot, entry.distance, entry.amplitude, entry.positions)
+        return sampled and not self._settled(changing=len(self._problem.exchanged) > 1)
+
+    def _settled(self, *, changing: bool) -> bool:
+        """Whether the scene has changed since this was true last, a window of frames ago, and frames agree."""
+        self._changed |= changing
+        settled = self._changed and not changing and self._since_change >= self._size
+        if settled:
+            self._changed, self._since_change = False, 0
+        return settled
 
     def problem(self, options: FusionOptions, ambiguity_range: float | None) -> Problem:
         """That of all frames; the one before with one frame exchanged, where it could be kept.
