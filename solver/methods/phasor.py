@@ -60,8 +60,8 @@ found elsewhere hold out against sharp steps. With fewer steps a growing window'
 
 _FOLLOWED = (Step(1.0, 2),)
 _CHANGED = tuple(replace(step, eases=False) for step in (*SCHEDULE[4:8:2], *SCHEDULE[-3:-1]))
-"""After an exchange of one frame, and of more, where the scene has changed; from the map before. While samples
-contradict each other the prior gives way no further: one that is free swings."""
+"""After an exchange of one frame, and of more, where the scene has changed; from the map before. While
+samples contradict each other the prior gives way no further: one that is free swings."""
 
 _TOLD = 150.0
 """Bluntness under which a map tells samples that it does not explain."""

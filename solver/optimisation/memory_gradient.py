@@ -68,18 +68,10 @@ class Memory:
         self._sums = np.zeros((x.shape[1] - 2 * PAD, 11))
         self._bent = 0.0
 
-    def follow(self, term: Term) -> None:
-        """Take the last step's products with an operator that has changed since.
-
-        Where the new data hold that step harder, old products would make the next one too long.
-        """
-        operator = term.operator()
-        product = self._curved_step
-        if operator.footprint is None:
-            product = term.curvature * self._step
-        else:
-            operator.multiply(self._step, product)
-        self._bent = float(np.sum(self._step * product))
+    def forget(self) -> None:
+        """Begin without a last step: its products with another operator would have to be made anew."""
+        self._step[:] = 0
+        self._bent = 0.0
 
     def iterate(
         self,
@@ -204,13 +196,13 @@ def minimise(
             unless given. Duals settle much sooner at a fixed ε, so for a small gap give more.
         window: the least number of iterations over which a fall of the objective is measured; a start near
             the minimum needs no more than one.
-        memory: of a run before that ended at this state, on about the same data.
+        memory: of a run before on a term of the same kind, whose place in memory is taken.
     """
     hide = _ROUNDING * tolerance if rounding is None else rounding
     if memory is None:
         memory = Memory(state.x, diagonal=term.operator().footprint is None)
     else:
-        memory.follow(term)
+        memory.forget()
     fit = term.value(state.x) if state.fit is None else state.fit
     finest = _finest(state.x)
     nothing = 2 * finest * state.radius.size

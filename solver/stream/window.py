@@ -110,7 +110,7 @@ class Window:
         return sampled and not self._settled(changing=len(self._problem.exchanged) > 1)
 
     def _settled(self, *, changing: bool) -> bool:
-        """Whether the scene has changed since this was true last, a window of frames ago, and frames agree."""
+        """Whether frames agree again on a scene that has changed; true once in a window of frames."""
         self._changed |= changing
         settled = self._changed and not changing and self._since_change >= self._size
         if settled:
