@@ -1,6 +1,7 @@
 """A simulated camera and the simulated stage that turns it: stand-ins for the real ones, physics included."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,9 +62,17 @@ class SimulatedCamera(Camera):
         Raises:
             StateError: the camera is closed.
         """
+        return self.truth_renderer(upsampling, position)()
+
+    def truth_renderer(self, upsampling: int = 4, position: Position | None = None) -> Callable[[], Truth]:
+        """What renders the `truth` when it is called, by any thread, whatever becomes of the camera.
+
+        Raises:
+            StateError: the camera is closed.
+        """
         self._require_open("ask the truth of")
         gain = GAIN * self._settings.integration_time
-        return self._rendering().truth(position or Position(0.0, 0.0), upsampling, gain)
+        return partial(self._rendering().truth, position or Position(0.0, 0.0), upsampling, gain)
 
     def _open(self) -> None:
         self._check_rate(self._settings)

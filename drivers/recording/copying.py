@@ -67,8 +67,12 @@ class Copy:
         self._counts: Counter[int] = Counter()
         self._times: tuple[int, int] | None = None
         self._index: list[ChunkIndex | AttachmentIndex | MetadataIndex] = []
-        self._write(MAGIC)
-        self._put(Header(profile=profile, library=library()))
+        try:
+            self._write(MAGIC)
+            self._put(Header(profile=profile, library=library()))
+        except BaseException:
+            self._output.discard()
+            raise
 
     @property
     def messages(self) -> int:
@@ -135,10 +139,10 @@ class Copy:
             return
         try:
             self._end()
+            self._output.finish()
         except BaseException:
             self._output.discard()
             raise
-        self._output.finish()
 
     def _is_other(self, definition: Schema | Channel) -> bool:
         known: Schema | Channel | None

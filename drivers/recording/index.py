@@ -1,8 +1,10 @@
 """The summary at the end of a whole MCAP file: what it repeats, and where its records lie."""
 
+import os
 import struct
 import zlib
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import BinaryIO
 
 from mcap.opcode import Opcode
@@ -44,15 +46,24 @@ class Index:
     offsets: list[int] = field(default_factory=list)
 
 
+def has_footer(path: Path) -> bool:
+    """Whether a file ends as it should; one does not whose writer was killed, or that was cut.
+
+    Nothing but its last bytes is read.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    with path.open("rb") as file:
+        return _read_footer(file, file.seek(0, os.SEEK_END)) is not None
+
+
 def read_index(file: BinaryIO, size: int) -> Index | None:
     """The summary of a file that ends as it should, checksum compared; None otherwise."""
-    if size < len(MAGIC) + _TAIL:
+    footer = _read_footer(file, size)
+    if footer is None:
         return None
-    file.seek(size - _TAIL)
-    footer, magic = file.read(_FOOTER.size), file.read()
-    opcode, length, start, _, checksum = _FOOTER.unpack(footer)
-    if magic != MAGIC or opcode != Opcode.FOOTER or length != 20 or start > size - _TAIL:
-        return None
+    _, _, start, _, checksum = _FOOTER.unpack(footer)
     if start == 0:
         return Index(size - _TAIL)
     if size - _TAIL - start > _LARGEST:
@@ -71,6 +82,16 @@ def read_index(file: BinaryIO, size: int) -> Index | None:
     except Exception:  # as for other records
         return None
     return index
+
+
+def _read_footer(file: BinaryIO, size: int) -> bytes | None:
+    if size < len(MAGIC) + _TAIL:
+        return None
+    file.seek(size - _TAIL)
+    footer, magic = file.read(_FOOTER.size), file.read()
+    opcode, length, start, _, _ = _FOOTER.unpack(footer)
+    is_one = magic == MAGIC and opcode == Opcode.FOOTER and length == 20 and start <= size - _TAIL
+    return footer if is_one else None
 
 
 def _note(index: Index, opcode: int, content: bytes, length: int) -> None:

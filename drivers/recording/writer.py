@@ -149,7 +149,12 @@ class RecordingWriter:
                 self._output.discard()
                 raise self._output.failure
             self._output.append_last(_ending())
-        self._output.finish()
+        try:
+            self._output.finish()
+        except StorageError:
+            if self._whole:
+                self._output.discard()
+            raise
         if self._output.failure is not None and not failed_before:
             raise self._output.failure
 

@@ -1,5 +1,6 @@
 """What is known beyond the frames: the recording that is played, and the truth where there is one."""
 
+from collections.abc import Callable
 from io import BytesIO
 
 import numpy as np
@@ -23,14 +24,18 @@ def recording_of(camera: Camera) -> Recording | None:
     return None if played is None else played.recording
 
 
-def truth_of(camera: Camera, upsampling: int) -> NDArray[np.float32] | None:
-    """(βH, βW) true distance of the reference view, metres: of the recording, of the simulation, or None."""
+def truth_of(camera: Camera, upsampling: int) -> Callable[[], NDArray[np.float32] | None]:
+    """What gives (βH, βW) true distance of the reference view, metres: recorded, simulated, or None.
+
+    Any thread may call it, whatever becomes of the camera. It takes its time where that is simulated.
+    """
     recording = recording_of(camera)
     if recording is not None:
-        return recording.truth
+        return lambda: recording.truth
     if camera.capabilities.source == "simulation":
-        return np.asarray(camera.truth(upsampling).distance, dtype=np.float32)  # type: ignore[attr-defined]
-    return None
+        render = camera.truth_renderer(upsampling)  # type: ignore[attr-defined]
+        return lambda: np.asarray(render().distance, dtype=np.float32)
+    return lambda: None
 
 
 def pack_truth(truth: NDArray[np.float32]) -> bytes:

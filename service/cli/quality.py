@@ -92,9 +92,10 @@ def quality(
     """Measure how well a recording, a file of maps or a running rig measures, before and after fusion.
 
     Frames are fused, maps that a file holds are judged as they are unless
-    a method, a configuration or a preset is named. Of regions that are
-    given the worst counts, of planes found the largest. What cannot be
-    measured is null, and said why.
+    a method, a configuration or a preset is named. Bursts that cannot be
+    fused are named and passed over. Of regions that are given the worst
+    counts, of planes found the largest. What cannot be measured is null,
+    and said why.
 
     [bold]Examples[/bold]
 
@@ -109,7 +110,8 @@ def quality(
     [bold]Exit status[/bold]
 
     0 done; 1 failed, or a requirement is not met; 2 wrong usage, or a
-    requirement of what cannot be measured; 3 done, but the file is damaged.
+    requirement of what cannot be measured; 3 done, but the file is damaged,
+    or not all of its bursts could be fused.
     """
     from service.evaluation.quality import measure
     from service.evaluation.quality_picture import write_quality
@@ -137,13 +139,15 @@ def quality(
         method=footage.method,
         frames=footage.frames,
         notes=footage.notes,
+        failures=footage.failures,
     )
     if picture is not None:
         write_quality(picture, result, take, regions, found=found)
     status = _said(result, requirements, as_json=as_json)
-    if damage is not None:
-        print(f"lost: {file}: {damage}", file=sys.stderr)
-    if status or damage is not None:
+    lost = [*footage.failures, *(() if damage is None else (damage,))]
+    for what in lost:
+        print(f"lost: {file}: {what}", file=sys.stderr)
+    if status or lost:
         raise typer.Exit(status or 3)
 
 
@@ -216,8 +220,9 @@ def _said(result: "Quality", requirements: "Sequence[Requirement]", *, as_json: 
 
 
 def _lines(result: "Quality") -> Iterator[str]:
+    without = f" ({len(result.failures)} not fused)" if result.failures else ""
     yield (
-        f"{result.source}: {_counted(result.bursts, 'burst')}, {_counted(result.frames, 'frame')}, "
+        f"{result.source}: {_counted(result.bursts, 'burst')}{without}, {_counted(result.frames, 'frame')}, "
         f"{result.method or 'method not said'}, β = {result.upsampling}"
     )
     yield f"  {'':<14}{'before':>12}{'after':>12}"

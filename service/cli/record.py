@@ -1,5 +1,6 @@
 """`lidarboost record`: recordings of a running service."""
 
+import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -30,11 +31,13 @@ def recorder_in_words(answer: "Answer") -> str:
 
 
 def listed(answer: "Answer") -> str:
-    """A line for each recording."""
-    lines = [
-        f"{one['file']}  {one['size'] / 1e6:.1f} MB  {one['state']}{', kept' if one['kept'] else ''}"
-        for one in answer["recordings"]
-    ]
+    """A line for each recording, with what saves one that is torn."""
+    lines = []
+    for one in answer["recordings"]:
+        line = f"{one['file']}  {one['size'] / 1e6:.1f} MB  {one['state']}{', kept' if one['kept'] else ''}"
+        if one["state"] == "torn":
+            line += f"; to save what it holds: lidarboost record recover {shlex.quote(one['file'])}"
+        lines.append(line)
     lines += [f"and {answer['more']} older ones"] if answer["more"] else []
     return "\n".join(lines) or "no recordings"
 

@@ -55,6 +55,7 @@ class Quality(_Part):
     edge: Figure = Field(description="Width of the edge between them, 10 to 90 %, metres.")
     regions: tuple[RegionQuality, ...]
     notes: tuple[str, ...] = Field((), description="What else is to be said.")
+    failures: tuple[str, ...] = Field((), description="Bursts that could not be fused, and why.")
 
 
 Known = float | Plane | None
@@ -71,6 +72,7 @@ def measure(
     method: str | None,
     frames: int,
     notes: tuple[str, ...] = (),
+    failures: tuple[str, ...] = (),
 ) -> Quality:
     """All figures.
 
@@ -80,7 +82,7 @@ def measure(
         found: whether the regions are planes that were found: then the first is judged, and the step is that
             beside it; else the worst of all, and the step between the first two.
         known: of the first region.
-        source, method, frames, notes: as `Quality` has them.
+        source, method, frames, notes, failures: as `Quality` has them.
     """
     parts = [
         _of_region(takes, region, known if number == 0 else None) for number, region in enumerate(regions)
@@ -106,6 +108,7 @@ def measure(
         edge=edge,
         regions=tuple(parts),
         notes=notes,
+        failures=failures,
     )
 
 

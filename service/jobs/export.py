@@ -43,8 +43,8 @@ _MAP_TOPICS = {
 }
 
 
-def frame_arrays(recording: Recording) -> Arrays:
-    """Every frame, stacked.
+def frame_arrays(recording: Recording, which: slice = slice(None)) -> Arrays:
+    """Every frame, or `which` of them, stacked.
 
     Returns:
         counts (N, H, W) uint16, or float32 metres; amplitude (N, H, W) uint16 where all frames have one;
@@ -56,9 +56,10 @@ def frame_arrays(recording: Recording) -> Arrays:
     Raises:
         RecordingError: the frames have several sizes.
     """
-    if len({entry.shape for entry in recording.entries}) > 1:
+    entries = recording.entries[which]
+    if len({entry.shape for entry in entries}) > 1:
         raise RecordingError(f"{recording.path}: its frames have several sizes; export them as .ply")
-    frames, bursts = list(recording.frames()), recording.cut(None)
+    frames, bursts = list(recording.fetch(entries)), recording.cut(None)
     images = ["counts", "distance"]
     if all(frame.has_amplitude for frame in frames):
         images.append("amplitude")
@@ -71,7 +72,7 @@ def frame_arrays(recording: Recording) -> Arrays:
     for name in _NUMBERS:
         values = [getattr(frame, name) for frame in frames]
         said[name] = np.array([np.nan if value is None else value for value in values])
-    said["burst_index"] = np.repeat(np.arange(len(bursts)), [len(burst) for burst in bursts])
+    said["burst_index"] = np.repeat(np.arange(len(bursts)), [len(burst) for burst in bursts])[which]
     return said
 
 
@@ -105,8 +106,8 @@ def fused_maps(recording: Recording) -> list[Arrays]:
     return maps
 
 
-def export_arrays(recording: Recording, path: Path) -> str:
-    """Write everything as one .npz; returns what it holds, in words.
+def export_arrays(recording: Recording, path: Path, which: slice | None = None) -> str:
+    """Write everything as one .npz, or `which` of what `clouds` gives; returns what it holds, in words.
 
     Frames as `frame_arrays` has them, with `intrinsics` and `distortion` where there is a calibration, or
     `burst_intrinsics` (B, 3, 3) and `burst_distortion` (B, 14) where bursts have different ones; fused maps
@@ -114,24 +115,33 @@ def export_arrays(recording: Recording, path: Path) -> str:
     `fused_timestamp`, with `fused_intrinsics` and `fused_distortion` of the first.
 
     Raises:
-        RecordingError: there are neither frames nor maps, or either come in several sizes.
+        RecordingError: there are neither frames nor maps, none of that number, or some of several sizes.
         OutputError: the file cannot be written.
     """
     arrays: Arrays = {}
-    if recording.frame_count:
-        arrays |= frame_arrays(open_recording(recording.path))
-        arrays |= _lens(recording)
-    maps = fused_maps(recording)
+    frames, maps = range(recording.frame_count), fused_maps(recording)
+    if not (frames or maps):
+        raise RecordingError(f"{recording.path}: holds neither frames nor fused maps; nothing to export")
+    if which is not None:
+        frames, maps = frames[:0] if maps else frames[which], maps[which]
+        if not (frames or maps):
+            raise none_of(recording, which.start)
+    if frames:
+        arrays |= frame_arrays(open_recording(recording.path), which or slice(None))
+        arrays |= _lens(recording, np.unique(arrays["burst_index"]))
     if len({found["depth"].shape for found in maps}) > 1:
         raise RecordingError(f"{recording.path}: its fused maps have several sizes; export them as .ply")
     for name in set.intersection(*(set(found) for found in maps)) if maps else set():
         stacked = [found[name] for found in maps]
         arrays[f"fused_{name}"] = stacked[0] if name in ("intrinsics", "distortion") else np.stack(stacked)
-    if not arrays:
-        raise RecordingError(f"{recording.path}: holds neither frames nor fused maps; nothing to export")
     with whole_file(path) as partial, partial.open("wb") as stream:
         np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
-    return f"{recording.frame_count} frames, {len(maps)} fused maps"
+    return f"{len(frames)} frames, {len(maps)} fused maps"
+
+
+def none_of(recording: Recording, number: int) -> RecordingError:
+    """What is said where there is no map, nor frame, of a number."""
+    return RecordingError(f"{recording.path}: has no map or frame number {number}; they count from 0")
 
 
 def clouds(recording: Recording) -> Iterator[NDArray[Any]]:
@@ -183,9 +193,10 @@ def _points(xyz: NDArray[np.float32], more: Arrays) -> NDArray[Any]:
     return points
 
 
-def _lens(recording: Recording) -> Arrays:
+def _lens(recording: Recording, wanted: NDArray[np.int64]) -> Arrays:
+    bursts = recording.cut(None)
     try:
-        known = [recording.calibration_of(burst[0]) for burst in recording.cut(None)]
+        known = [recording.calibration_of(bursts[number][0]) for number in wanted]
     except RecordingError:  # arrays are of use without it
         return {}
     first = known[0]

@@ -1,6 +1,6 @@
 """Fuses a recording without any service around it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -39,6 +39,39 @@ def recorded_bursts(
         yield Burst(name, tuple(frames), known, expected.of(frames))
 
 
+def fused_bursts(
+    recording: Recording,
+    bursts: Iterable[Burst],
+    settings: FusionSection,
+    announce: Announce = lambda _: None,
+    failed: Callable[[str], None] = lambda _: None,
+) -> Iterator[tuple[Burst, FusedMap]]:
+    """Fuse burst after burst of a recording; one that cannot be fused is told and passed over.
+
+    Args:
+        recording: where they come from.
+        bursts: what to fuse.
+        settings: how.
+        announce: told of each burst.
+        failed: told which burst could not be fused, and why.
+
+    Raises:
+        FusionError: none of them can be fused.
+    """
+    fused, why = 0, None
+    for burst in bursts:
+        try:
+            result = fuse_burst(burst, settings, announce(burst))
+        except FusionError as error:
+            why = f"burst {burst.id} not fused: {error}"
+            failed(why)
+            continue
+        fused += 1
+        yield burst, result
+    if why is not None and not fused:
+        raise FusionError(f"{recording.path}: no burst could be fused: {why}")
+
+
 def fuse_recording(
     recording: Recording,
     settings: FusionSection,
@@ -70,25 +103,16 @@ def fuse_recording(
         FusionError: no burst can be fused.
         StorageError: the file cannot be written.
     """
-    fused, why = 0, None
     with ExitStack() as stack:
         writer = None
         if output is not None:
             writer = stack.enter_context(RecordingWriter(output, recording.metadata, whole=True))
             _copy_attachments(recording, writer)
-        for burst in recorded_bursts(recording, settings, calibration):
-            try:
-                result = fuse_burst(burst, settings, announce(burst))
-            except FusionError as error:
-                why = f"burst {burst.id} not fused: {error}"
-                failed(why)
-                continue
-            fused += 1
+        bursts = recorded_bursts(recording, settings, calibration)
+        for burst, result in fused_bursts(recording, bursts, settings, announce, failed):
             if writer is not None:
                 _write(writer, burst, result, extras)
             yield result
-        if why is not None and not fused:
-            raise FusionError(f"{recording.path}: no burst could be fused: {why}")
         if writer is not None:
             finish(writer)
 

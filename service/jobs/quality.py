@@ -1,7 +1,7 @@
 """Bursts of one view, to be judged: of a recording, or of a file of maps."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -15,9 +15,8 @@ from drivers.recording.assembly import FrameEntry
 from service.config.sections import FusionSection
 from service.errors import ConfigurationError
 from service.evaluation.sight import Sight, Take
-from service.fusion.fuse import fuse_burst
 from service.jobs.export import Arrays, fused_maps
-from service.jobs.fuse import recorded_bursts
+from service.jobs.fuse import fused_bursts, recorded_bursts
 from service.messages.report import BurstReport
 from service.messages.topics import FUSED_CALIBRATION, FUSED_REPORT
 from solver.geometry.points import distance_from_depth
@@ -41,12 +40,14 @@ class Footage:
         method: how they were fused, or None = not said.
         frames: of all bursts.
         notes: what is to be said of them.
+        failures: bursts that could not be fused, and why.
     """
 
     takes: tuple[Take, ...]
     method: str | None
     frames: int
     notes: tuple[str, ...] = ()
+    failures: tuple[str, ...] = ()
 
 
 def fused_now(
@@ -56,21 +57,27 @@ def fused_now(
     calibration: Calibration | None = None,
     advance: Callable[[], None] = lambda: None,
 ) -> Footage:
-    """Fuse the first `most` bursts of a recording.
+    """Fuse the first `most` bursts of a recording, but those that cannot be fused.
 
     Raises:
         RecordingError: frames that do not fit their calibration.
-        FusionError: a burst that cannot be fused.
+        FusionError: none of them can be fused.
     """
     takes, method, frames = [], None, 0
-    for burst in islice(recorded_bursts(recording, settings, calibration), most):
-        result = fuse_burst(burst, settings)
+    failures: list[str] = []
+
+    def failed(why: str) -> None:
+        failures.append(why)
+        advance()
+
+    bursts = islice(recorded_bursts(recording, settings, calibration), most)
+    for burst, result in fused_bursts(recording, bursts, settings, failed=failed):
         advance()
         lens = burst.calibration.distortion or None
         after = Sight(result.distance, result.intrinsics, lens)
         takes.append(take_of(burst.frames, burst.calibration, after, result.report.shifts))
         method, frames = result.report.method, frames + len(burst.frames)
-    return of_one_view(takes, method, frames)
+    return replace(of_one_view(takes, method, frames), failures=tuple(failures))
 
 
 def fused_before(recording: Recording, most: int, calibration: Calibration | None = None) -> Footage:

@@ -12,6 +12,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.recording import Compression
+from drivers.recording.index import has_footer
 from drivers.recording.locks import is_used
 from drivers.recording.output import WORKING_SUFFIX
 from service.config.sections import RecordingSection
@@ -35,7 +36,7 @@ class RecordedFile(BaseModel):
     modified: int = Field(description="When it was written to, ns since the epoch.")
     kept: bool = Field(description="Whether it is never deleted to make room.")
     state: Literal["whole", "written", "torn"] = Field(
-        description="`written`: at work; `torn`: left unfinished, `recover` saves what it holds."
+        description="`written`: at work; `torn`: left unfinished, or cut; `recover` saves what it holds."
     )
 
 
@@ -173,8 +174,18 @@ def _described(path: Path, is_written: bool) -> RecordedFile:
         size=told.st_size,
         modified=told.st_mtime_ns,
         kept=_mark(path).exists(),
-        state="whole" if path.suffix == ".mcap" else "written" if is_written else "torn",
+        state="written" if is_written else "whole" if _is_whole(path) else "torn",
     )
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether it has its name and its end; by its name alone where this service may not read it."""
+    if path.suffix == WORKING_SUFFIX:
+        return False
+    try:
+        return has_footer(path)
+    except PermissionError:
+        return True
 
 
 def _mark(path: Path) -> Path:

@@ -272,6 +272,40 @@ def test_recover_makes_a_whole_file_of_a_torn_one(tmp_path):
     assert times == {START + 7 * number for number in range(after.frame_count)}
 
 
+@pytest.mark.parametrize("share", [0, 0.0001, 0.5, 0.9999], ids=["none", "some bytes", "half", "nearly all"])
+def test_a_recovery_on_a_full_disk_leaves_all_as_it_was(tmp_path, full_disk, share):
+    torn = tmp_path / "x.mcap"
+    write_frames(torn, range(10))
+    torn.write_bytes(torn.read_bytes()[:600_000])
+    made = tmp_path / "made before.mcap"
+    recover(Recording(torn), made)
+    before = {file: file.read_bytes() for file in tmp_path.iterdir()}
+    full_disk(int(share * made.stat().st_size))
+    for name in ("out.mcap", made.name):
+        with pytest.raises(
+            StorageError, match=rf"{name}: cannot be written: the disk is full: free some space"
+        ):
+            recover(Recording(torn), tmp_path / name)
+        assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before
+
+
+def test_what_shall_be_whole_is_not_there_where_the_disk_is_found_full_only_when_it_is_synced(
+    tmp_path, monkeypatch
+):
+    """As file systems do that find room for what was written only later, those of a network among them."""
+
+    def full(_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    write_frames(tmp_path / "x.mcap", range(3))
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(StorageError, match="disk is full"):
+        recover(Recording(tmp_path / "x.mcap"), tmp_path / "out.mcap")
+    with pytest.raises(StorageError, match="disk is full"):
+        write_frames(tmp_path / "out.mcap", range(3), whole=True)
+    assert [file.name for file in tmp_path.iterdir()] == ["x.mcap"]
+
+
 def test_recover_refuses_what_holds_nothing_and_its_own_input(tmp_path):
     (tmp_path / "head.mcap").write_bytes(b"\x89MCAP0\r\n")
     with pytest.raises(RecordingError, match="nothing can be recovered"):

@@ -3,13 +3,20 @@
 import json
 import re
 import time
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from threading import Event as Flag
 
+import numpy as np
 import pytest
 from commanding import configuration, running, stranger
-from scripted import ScriptedCamera, ScriptedStage
+from scripted import SHAPE, ScriptedCamera, ScriptedStage
 
+from drivers import Capabilities
 from drivers.clock import VirtualClock
+from drivers.recording import attachments
+from drivers.simulation.render import Truth
 from service.capture.rig import Rig
 from service.messages.events import BurstCaptured, Commanded, HeadChanged, MapFused, ScanProgressed
 
@@ -134,6 +141,61 @@ def test_plan_and_fusion_are_changed_by_the_fields_that_change(tmp_path: Path, e
         used = next(data for name, data, _ in heads[-1].attachments if "configuration" in name)
         assert b'method = "bicubic"' in used
         assert b"span = 2.0" in used
+
+
+class SimulatingCamera(ScriptedCamera):
+    """Knows the truth, and renders it as soon as it is let go."""
+
+    def __init__(self, clock: VirtualClock) -> None:
+        super().__init__(clock)
+        self.asked: list[int] = []
+        self.let_go = Flag()
+        self.let_go.set()
+
+    def _capabilities(self) -> Capabilities:
+        return replace(super()._capabilities(), source="simulation")
+
+    def truth_renderer(self, upsampling: int) -> Callable[[], Truth]:
+        def render() -> Truth:
+            self.asked.append(upsampling)
+            assert self.let_go.wait(60)
+            image = np.full((upsampling * SHAPE[0], upsampling * SHAPE[1]), upsampling, np.float32)
+            return Truth(image, image, image)
+
+        return render
+
+
+def test_while_a_truth_is_rendered_commands_are_served_and_maps_are_made(
+    tmp_path: Path, endpoint: str
+) -> None:
+    clock = HastyClock(1_700_000_000_000_000_000)
+    camera = SimulatingCamera(clock)
+    rig = Rig(camera, ScriptedStage(clock), clock)  # type: ignore[arg-type]
+    with running(configuration(tmp_path, endpoint), rig) as service, stranger(endpoint) as far:
+
+        def attached() -> list[bytes]:
+            head = service.of(HeadChanged)[-1].head
+            return [content for name, content, _ in head.attachments if name == attachments.TRUTH]
+
+        def judged() -> float | None:
+            far.ask("cmd/scan", action="once")
+            truth = service.of(MapFused)[-1].truth
+            return None if truth is None else float(truth[0, 0])
+
+        assert (len(attached()), judged()) == (1, 2.0)
+        camera.let_go.clear()
+        assert far.ask("cmd/fusion", action="set", upsampling=3)["fusion"]["upsampling"] == 3
+        service.wait(lambda: camera.asked == [2, 3])
+        assert far.ask("cmd/plan", action="set", span=0.5)["plan"]["span"] == 0.5
+        assert (len(attached()), judged()) == (0, None)
+        for upsampling in (4, 5):
+            assert far.ask("cmd/fusion", action="set", upsampling=upsampling)["state"] == "idle"
+        camera.let_go.set()
+        service.wait(lambda: len(attached()) == 1)
+        assert camera.asked == [2, 3, 5]
+        assert judged() == 5.0
+        assert far.ask("cmd/plan", action="set", span=1.0)["plan"]["span"] == 1.0
+        assert (camera.asked, len(attached())) == ([2, 3, 5], 1)
 
 
 def test_a_stream_is_started_changed_and_stopped(tmp_path: Path, endpoint: str) -> None:

@@ -1,5 +1,7 @@
 """`export`: arrays equal to what was recorded, clouds where the camera saw the points."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -7,7 +9,7 @@ from typer.testing import CliRunner
 from drivers import Frame, sr3000_calibration, sr4000_calibration
 from drivers.calibration import Mount
 from drivers.messages import calibration_message, image_message
-from drivers.recording import RecordingWriter
+from drivers.recording import Recording, RecordingWriter
 from service.cli import app
 
 START = 1_700_000_000_000_000_000
@@ -113,11 +115,47 @@ def test_maps_become_arrays_and_points(maps, tmp_path):
     np.testing.assert_allclose(points["x"].max(), 3.0 * (43 - 87.5) / 200, rtol=1e-5)
 
 
+def test_one_frame_or_map_becomes_arrays(frames, maps, tmp_path):
+    for words, number in ((["--number", 1], 1), (["--latest"], 2)):
+        status, said, _ = lidarboost("export", frames, "-o", tmp_path / f"{number}.npz", *words)
+        assert (status, said.strip()) == (0, f"{tmp_path / f'{number}.npz'}: 1 frames, 0 fused maps")
+        with np.load(tmp_path / f"{number}.npz") as arrays:
+            assert arrays["sequence"].tolist() == [number]
+            np.testing.assert_array_equal(arrays["amplitude"], [flat_frame(number).amplitude])
+            np.testing.assert_array_equal(arrays["intrinsics"], sr4000_calibration().intrinsics.matrix)
+    with RecordingWriter(tmp_path / "both.mcap") as writer:
+        writer.write_calibration(sr4000_calibration(), START)
+        writer.write_frame(flat_frame(0), Mount())
+        for message, at in Recording(maps).messages():
+            writer.write(message, at)
+    for source in (maps, tmp_path / "both.mcap"):
+        for words in (["--number", 1], ["--latest"]):
+            assert lidarboost("export", source, "-o", tmp_path / "x.npz", "--force", *words)[0] == 0
+            with np.load(tmp_path / "x.npz") as arrays:
+                assert {name for name in arrays if not name.startswith("fused_")} == set()
+                assert arrays["fused_timestamp"].tolist() == [START + 1]
+                np.testing.assert_array_equal(arrays["fused_depth"], [depth_of(1)])
+
+
+def test_a_frame_of_a_later_burst_comes_with_its_own_intrinsics(tmp_path):
+    other = sr4000_calibration()
+    other = other.model_copy(update={"intrinsics": other.intrinsics.model_copy(update={"fx": 300.0})})
+    with RecordingWriter(tmp_path / "two.mcap") as writer:
+        for number, known in enumerate((sr4000_calibration(), other)):
+            writer.write_calibration(known, START + number)
+            writer.write_frame(replace(flat_frame(number), burst=number), Mount())
+    assert lidarboost("export", tmp_path / "two.mcap", "-o", tmp_path / "x.npz", "--number", 1)[0] == 0
+    with np.load(tmp_path / "x.npz") as arrays:
+        assert (arrays["burst"].tolist(), arrays["burst_index"].tolist()) == ([1], [1])
+        np.testing.assert_array_equal(arrays["intrinsics"], other.intrinsics.matrix)
+
+
 @pytest.mark.parametrize(
     ("arguments", "status", "said"),
     [
         (["-o", "x.obj"], 2, "expected .npz or .ply"),
         (["-o", "x.ply", "--number", 3], 1, "has no map or frame number 3"),
+        (["-o", "x.npz", "--number", 3], 1, "has no map or frame number 3"),
         (["-o", "nowhere/x.ply"], 1, "cannot be written"),
     ],
 )
@@ -150,4 +188,6 @@ def test_the_latest_map_is_there_for_the_asking(maps, tmp_path):
     assert lidarboost("export", maps, "-o", tmp_path / "second.ply", "--number", 1)[0] == 0
     assert (tmp_path / "last.ply").read_bytes() == (tmp_path / "second.ply").read_bytes()
     status, _, said = lidarboost("export", maps, "-o", tmp_path / "x.ply", "--latest", "--all")
+    assert (status, "exclude each other" in said) == (2, True)
+    status, _, said = lidarboost("export", maps, "-o", tmp_path / "x.npz", "--latest", "--number", 0)
     assert (status, "exclude each other" in said) == (2, True)

@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from threading import Event as Flag
@@ -87,7 +87,10 @@ class Rendering(ScriptedCamera):
     def _capabilities(self) -> Capabilities:
         return replace(super()._capabilities(), source="simulation")
 
-    def truth(self, upsampling: int) -> Truth:
+    def truth_renderer(self, upsampling: int) -> Callable[[], Truth]:
+        return lambda: self._truth(upsampling)
+
+    def _truth(self, upsampling: int) -> Truth:
         self.opens.set()
         self.let_go.wait(60)
         image = np.ones((upsampling * SHAPE[0], upsampling * SHAPE[1]), np.float32)

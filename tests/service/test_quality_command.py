@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from drivers.calibration import Corrections, sr3000_calibration
 from drivers.messages import calibration_message
-from drivers.recording import open_recording
+from drivers.recording import RecordingWriter, open_recording
 from service.cli import app
 from service.messages.encoding import event_messages
 from service.messages.events import FrameCaptured, MapFused
@@ -85,6 +85,35 @@ def test_requirements_give_the_exit_status(wall: Path) -> None:
     )  # fmt: skip
     status, said, _ = lidarboost(*given, "noise<1m", "--json")
     assert json.loads(said)["requirements"][0]["met"] is True
+
+
+def darkened(path: Path, source: Path, *dark: int) -> Path:
+    """The recording as it is with a cap on the lens during some of its bursts."""
+    recording = open_recording(source)
+    with RecordingWriter(path) as writer:
+        writer.attach_calibration(recording.calibration, recording.entries[0].timestamp)
+        for frame in recording.frames():
+            seen = np.zeros_like(frame.counts) if frame.burst in dark else frame.counts
+            writer.write_frame(replace(frame, counts=seen), recording.calibration.mount)
+    return path
+
+
+def test_a_burst_that_cannot_be_fused_is_passed_over_told_and_counted(wall: Path, tmp_path: Path) -> None:
+    capped = darkened(tmp_path / "capped.mcap", wall, 1)
+    words = ("quality", capped, "--method", "nearest")
+    status, said, errors = lidarboost(*words)
+    assert (status, said.splitlines()[0]) == (
+        3, f"{capped}: 2 bursts (1 not fused), 4 frames, nearest, β = 4",
+    )  # fmt: skip
+    assert errors.count(f"lost: {capped}: burst 1 not fused: ") == 1
+    status, said, _ = lidarboost(*words, "--json")
+    found = json.loads(said)
+    assert (status, found["bursts"], found["frames"], len(found["failures"])) == (3, 2, 4, 1)
+    assert lidarboost(*words, "--bursts", 1)[0] == 0
+    assert lidarboost(*words, "--require", "flatness<1mm")[0] == 1
+    status, said, errors = lidarboost("quality", darkened(tmp_path / "all.mcap", wall, 0, 1, 2))
+    assert (status, said) == (1, "")
+    assert "all.mcap: no burst could be fused: burst 2 not fused: " in errors.splitlines()[-1]
 
 
 @pytest.mark.slow

@@ -140,6 +140,26 @@ def test_a_torn_recording_is_saved(tmp_path: Path, endpoint: str) -> None:
         assert far.ask("cmd/record", action="recover", file="../x.mcap")["code"] == "PERMISSION_DENIED"
 
 
+def test_a_recording_that_was_cut_is_listed_as_torn_whatever_it_is_called(
+    tmp_path: Path, endpoint: str
+) -> None:
+    settings = playable(tmp_path, endpoint)
+    kept = tmp_path / "kept"
+    whole = (kept / "five.mcap").read_bytes()
+    for name, content in (
+        ("cut.mcap", whole[: len(whole) // 2]),
+        ("x.torn.mcap", whole[:-1]),
+        ("0.mcap", b""),
+    ):
+        (kept / name).write_bytes(content)
+    with running(settings, hasty_rig()), stranger(endpoint) as far:
+        states = {one["file"]: one["state"] for one in far.ask("cmd/record", action="list")["recordings"]}
+        assert states == {"five.mcap": "whole", "cut.mcap": "torn", "x.torn.mcap": "torn", "0.mcap": "torn"}
+        made = far.ask("cmd/record", action="recover", file="cut.mcap")["recovered"]["file"]
+        states = {one["file"]: one["state"] for one in far.ask("cmd/record", action="list")["recordings"]}
+        assert (states[made], states["cut.mcap"]) == ("whole", "torn")
+
+
 def test_a_disk_that_is_full_is_said_at_once_and_nothing_else_notices(
     tmp_path: Path, endpoint: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -121,6 +121,8 @@ def test_the_command_line_records(
     assert run(endpoint, "record", "fetch", "five.mcap", "--force") == (0, "five.mcap: 0.0 MB\n", "")
     whole = (tmp_path / "kept" / "five.mcap").read_bytes()
     (tmp_path / "kept" / "torn.mcap").write_bytes(whole[: len(whole) // 2])
+    [listed] = [line for line in run(endpoint, "record", "list")[1].splitlines() if line.startswith("torn")]
+    assert listed.endswith("MB  torn; to save what it holds: lidarboost record recover torn.mcap")
     code, out, _ = run(endpoint, "record", "recover", "torn.mcap")
     assert (code, out.startswith("torn.recovered.mcap: ")) == (3, True)
     assert "\nlost: " in out

@@ -1,12 +1,16 @@
 """`import`, `info` and `recover` from the command line: what they print, their status, what they leave."""
 
+import errno
 import json
+import os
 import re
+from io import FileIO
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import drivers.recording.output as output
 from drivers import Frame, sr4000_calibration
 from drivers.calibration import Mount
 from drivers.recording import Recording, RecordingWriter, open_recording
@@ -194,6 +198,20 @@ def test_recover_saves_what_there_is_with_status_3(recording, tmp_path):
     assert status == 3
     assert "lost: torn at byte" in said
     assert lidarboost("info", tmp_path / "ten.recovered.mcap")[0] == 0
+
+
+def test_recover_on_a_full_disk_is_one_line_and_leaves_nothing(recording, tmp_path, monkeypatch):
+    class FullDisk(FileIO):
+        def write(self, _):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(output, "open_unbuffered", lambda path: FullDisk(path, "x+"))
+    status, said, error = lidarboost("recover", recording, "-o", tmp_path / "saved.mcap")
+    assert (status, said, error.count("\n")) == (1, "", 1)
+    assert error.startswith(
+        f"error: {tmp_path / 'saved.mcap'}: cannot be written: the disk is full: free some"
+    )
+    assert list(tmp_path.iterdir()) == [recording]
 
 
 def test_recover_of_a_whole_file_has_status_0(recording, tmp_path):

@@ -1,13 +1,16 @@
 """Which recording goes when there is no room: the oldest by what the files say, none that is in use."""
 
+import errno
 import os
 from pathlib import Path
 
+import pytest
 from scripted import calibration, frame
 from test_recorder import Time, section
 
 from drivers.calibration import Mount
 from drivers.recording import RecordingWriter, open_recording
+from service.sinks import recording_directory
 from service.sinks.recording_directory import RecordingDirectory
 
 
@@ -30,6 +33,18 @@ def test_the_oldest_by_number_goes_first_whatever_the_clock_says(tmp_path: Path)
     clock.now = 1_800_000_000 * 10**9
     newest = [record() for _ in range(3)]
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted([after[2], *newest])
+
+
+def test_a_file_that_may_not_be_read_is_listed_by_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(path: Path) -> bool:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+
+    (tmp_path / "theirs.mcap").write_bytes(b"")
+    monkeypatch.setattr(recording_directory, "has_footer", refused)
+    [told] = RecordingDirectory(section(tmp_path), Time()).files()
+    assert (told.file, told.state) == ("theirs.mcap", "whole")
 
 
 def test_a_recording_that_is_played_or_read_is_never_deleted(tmp_path: Path) -> None:

@@ -34,12 +34,12 @@ function Entry({ entry, list, playing }) {
   const then = (action, args, done) => async () => {
     if (await ask("cmd/record", action, { file, ...args }, 300, done)) list();
   };
-  const whole = state === "whole";
+  const written = state === "written";
   return html`<li class=${playing ? "playing" : ""}>
     <div class="file"><b>${file}</b><small>${bytes(size)} · ${new Date(modified / 1e6).toLocaleString()}
-      ${!whole && html` · <em class=${state}>${state === "written" ? "being written" : "torn"}</em>`}</small></div>
+      ${state !== "whole" && html` · <em class=${state}>${written ? "being written" : "torn"}</em>`}</small></div>
     <div class="file-tools">
-      ${whole && html`<button type="button" onClick=${load} aria-label=${`Replay ${file}`}>Replay</button>
+      ${!written && html`<button type="button" onClick=${load} aria-label=${`Replay ${file}`}>Replay</button>
         <a class="button" href=${`/recordings/${encodeURIComponent(file)}`} download
           aria-label=${`Download ${file}`}>Download</a>`}
       <button type="button" aria-pressed=${String(kept)} aria-label=${`Keep ${file}`}
