@@ -99,7 +99,7 @@ class Trail:
         unit: of the states.
         plan: of the passes.
         states, terms: by pass.
-        memory: of the last pass.
+        memory: of the last pass, for the arrays that it has.
         followed: whether the last pass has gone on since, with frames exchanged.
     """
 
@@ -191,7 +191,7 @@ def resume(trail: Trail, prior: Prior, options: FusionOptions, exchanged: int) -
         limit=min(options.max_iterations, few if exchanged == 1 else _RENEWED),
         certify=False,
         window=1,
-        memory=trail.memory if exchanged == 1 else None,
+        memory=trail.memory,
     )
     trail.memory, trail.followed = outcome.memory, True
     return outcome
