@@ -64,7 +64,7 @@ wrong by."""
 
 def solve(problem: Problem, *, initial: Solution | None = None, progress: Progress | None = None) -> Solution:
     """Minimise E; what no footprint covers is inpainted by the prior."""
-    trail = None if initial is None else initial.trail
+    trail = None if initial is None or problem.changed else initial.trail
     if problem.exchanged and trail is not None:
         outcome = _resume(problem, trail)
     else:

@@ -28,7 +28,7 @@ flat, for 4 to 60 frames, β from 2 to 8, and from a sixteenth to four times the
 def solve(problem: Problem, *, initial: Solution | None = None, progress: Progress | None = None) -> Solution:
     """Minimise E; pixels without samples are inpainted by the prior."""
     samples = sample(problem.distance, _weights(problem), problem.positions, problem.options.upsampling)
-    trail = None if initial is None else initial.trail
+    trail = None if initial is None or problem.changed else initial.trail
     going_on = trail if problem.exchanged else None
     # In units of λ about the middle of the data, so that float32 serves any unit and λ is 1.
     middle = 0.5 * (samples.low + samples.high)

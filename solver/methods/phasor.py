@@ -59,9 +59,11 @@ found elsewhere hold out against sharp steps. With fewer steps a growing window'
 `fuse`. The last step's rounds are those of the maps that follow."""
 
 _FOLLOWED = (Step(1.0, 2),)
+"""After an exchange of one frame, from the map before."""
+
 _CHANGED = tuple(replace(step, eases=False) for step in (*SCHEDULE[4:8:2], *SCHEDULE[-3:-1]))
-"""After an exchange of one frame, and of more, where the scene has changed; from the map before. While
-samples contradict each other the prior gives way no further: one that is free swings."""
+"""After one of more, where the scene changes, from the data: the map before swings where they contradict each
+other. While they do the prior does not give way: one that is free swings."""
 
 _TOLD = 150.0
 """Bluntness under which a map tells samples that it does not explain."""
@@ -81,10 +83,7 @@ def solve(problem: Problem, *, initial: Solution | None = None, progress: Progre
     if not problem.usual_light:
         raise FusionInputError("amplitude is 0 wherever there is a distance; phasor needs received light")
     before = None if initial is None else initial.course
-    if problem.exchanged and before is not None:
-        course, steps = before, _follow(problem, before)
-    else:
-        course, steps = _begin(problem), SCHEDULE if before is None else _RENEWED
+    course, steps = (_begin(problem), SCHEDULE) if before is None else _go_on(problem, before)
     watch = course is not before and problem.contradicted > _DISPUTED
     taken, converged = _run(course, steps, problem.options.max_iterations, progress, watch)
     course.judge(followed=steps is _FOLLOWED)
@@ -106,13 +105,14 @@ def _begin(problem: Problem) -> Factored:
     return Factored(term, scale, weight, noise, least, strength, options.neighbourhood)
 
 
-def _follow(problem: Problem, course: Factored) -> Sequence[Step]:
-    """Exchange frames; the steps that follow them."""
-    for number in problem.exchanged:
-        slot = slice(number, number + 1)
-        samples = _samples(problem, course.scale, slot)
-        course.term.exchange(number, *samples, problem.positions[slot], course.z)
-    return _FOLLOWED if len(problem.exchanged) == 1 else _CHANGED
+def _go_on(problem: Problem, course: Factored) -> tuple[Factored, Sequence[Step]]:
+    """Where the descent of a stream's next problem begins, and its steps."""
+    if len(problem.exchanged) != 1:
+        return _begin(problem), _CHANGED if problem.exchanged else _RENEWED
+    slot = slice(problem.exchanged[0], problem.exchanged[0] + 1)
+    samples = _samples(problem, course.scale, slot)
+    course.term.exchange(slot.start, *samples, problem.positions[slot], course.z)
+    return course, _FOLLOWED
 
 
 def _run(

@@ -139,6 +139,10 @@ class Consensus:
         """The part of the valid samples that the others contradict."""
         return float(self._against.sum() / max(1, self._valid.sum()))
 
+    def disputed(self) -> NDArray[np.float64]:
+        """(N,): the part of each frame's valid samples that the others contradict."""
+        return self._against / np.maximum(1, self._valid)
+
     def limit(self, distance: Image, deviation: float, mixed: bool) -> None:
         """Bring a map (βH, βW) that swings far beyond what the frames say back to where that begins.
 

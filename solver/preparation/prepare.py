@@ -115,7 +115,7 @@ def exchange(
         _count(problem, others, -1)
         for number in (slot, *others):
             problem.distance[number] = problem.consensus.kept(number)
-    problem.exchanged = (slot, *others)
+    problem.exchanged, problem.changed = (slot, *others), False
     _count(problem, problem.exchanged, 1)
     return bool(np.isfinite(problem.distance[slot]).any())
 

@@ -36,6 +36,7 @@ class Problem:
         consensus: what the frames say together; None where that is not asked, see `preparation.prepare`.
         scatter: (H, W), deviations where far from `noise` and no amplitude tells them, else 0, or None.
         exchanged: numbers of the frames that alone have changed since it was solved last; empty = all.
+        changed: whether the scene is another one than before, so that no map goes on from what it was.
     """
 
     distance: NDArray[np.float32]
@@ -51,6 +52,7 @@ class Problem:
     consensus: Consensus | None = None
     scatter: NDArray[np.float32] | None = None
     exchanged: tuple[int, ...] = ()
+    changed: bool = False
 
     @property
     def contradicted(self) -> float:

@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 
 from solver.geometry.poses import Pose, PoseSpace, overlap
 from solver.options import FusionOptions
+from solver.preparation import noise as noise_law
 from solver.preparation.prepare import exchange, prepare
 from solver.preparation.problem import Problem
+from solver.stream.change import Basis, Look
 
 _MANY = 8
 """Frames of which one is a small part."""
@@ -17,6 +19,10 @@ _MANY = 8
 _ROUNDS = 2
 """How often all frames are exchanged before the problem is prepared anew: more seldom costs accuracy, more
 often maps per second."""
+
+_PART = 3
+"""Part of the window that has to be exchanged before a change has it prepared anew: more seldom shows the
+change late, more often costs time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +35,7 @@ class Entry:
     pose: Pose
     relative: Pose
     positions: NDArray[np.float32]
-    noise: float
+    look: Look
 
 
 class Window:
@@ -37,8 +43,9 @@ class Window:
 
     The problem of a full window, unless its frames are few, changes frame by frame. Now and then it is
     prepared anew: noise, λ and what else belongs to all frames follow the scene that slowly, and sums that
-    frames are added to and taken from do not gather rounding errors. So it is where the scene has changed and
-    the frames agree again: what was learned of the former one, and a map that came from there, go.
+    frames are added to and taken from do not gather rounding errors. So it is where what the frames show has
+    changed, as soon as they agree on it, and once more when those of before are gone. What was learned of the
+    former scene, and a map that came from there, would hold out for long.
 
     Attributes:
         grid: pose of the frame on whose grid positions are.
@@ -49,7 +56,7 @@ class Window:
         self._size, self._space = size, space
         self.entries: deque[Entry] = deque(maxlen=size)
         self.grid = space.origin()
-        self._changed, self._since_change = False, 0
+        self._since_change, self._changed = size + 1, False
         self.renew()
 
     def clear(self) -> None:
@@ -60,6 +67,7 @@ class Window:
     def renew(self) -> None:
         """Have the next problem prepared anew."""
         self._problem: Problem | None = None
+        self._basis: Basis | None = None
         self._exchanges = 0
 
     def add(
@@ -73,19 +81,23 @@ class Window:
         """Add a frame (H, W), for which a full window gives up its oldest; whether the grid moved to it."""
         if not self.entries:
             self.grid = pose
-        entry = self._entry(number, distance, amplitude, pose, noise)
+        light = 0.0 if amplitude is None else noise_law.median_light(amplitude[None], distance[None])
+        entry = self._entry(number, distance, amplitude, pose, Look(light, noise))
         moved = overlap(entry.positions) < 0.5
         if moved:
             self.grid = pose
-            entry = self._entry(number, distance, amplitude, pose, noise)
-            kept = [self._entry(e.number, e.distance, e.amplitude, e.pose, e.noise) for e in self.entries]
+            entry = self._entry(number, distance, amplitude, pose, entry.look)
+            kept = [self._entry(e.number, e.distance, e.amplitude, e.pose, e.look) for e in self.entries]
             self.clear()
             self.entries.extend(kept)
         full = len(self.entries) == self._size >= _MANY
         self.entries.append(entry)
-        self._since_change += 1
+        self._changed = False
         if not (full and self._exchanged(entry)):
             self.renew()
+        elif self._outdated():
+            self.renew()
+            self._changed = True
         return moved
 
     def _entry(
@@ -94,28 +106,27 @@ class Window:
         distance: NDArray[np.float32],
         amplitude: NDArray[np.float32] | None,
         pose: Pose,
-        noise: float,
+        look: Look,
     ) -> Entry:
         relative = self._space.relative(pose, self.grid)
         positions = self._space.positions(distance.shape, relative)
-        return Entry(number, distance, amplitude, pose, relative, positions, noise)
+        return Entry(number, distance, amplitude, pose, relative, positions, look)
 
     def _exchanged(self, entry: Entry) -> bool:
         """Whether the frame could take the oldest one's place in the problem."""
-        if self._problem is None or self._exchanges == _ROUNDS * self._size:
+        if self._problem is None or self._basis is None or self._exchanges == _ROUNDS * self._size:
             return False
         slot = self._exchanges % self._size
         self._exchanges += 1
         sampled = exchange(self._problem, slot, entry.distance, entry.amplitude, entry.positions)
-        return sampled and not self._settled(changing=len(self._problem.exchanged) > 1)
+        suits = self._basis.suits(self._problem, entry.look)
+        self._since_change = self._since_change + 1 if suits else 0
+        return sampled
 
-    def _settled(self, *, changing: bool) -> bool:
-        """Whether frames agree again on a scene that has changed; true once in a window of frames."""
-        self._changed |= changing
-        settled = self._changed and not changing and self._since_change >= self._size
-        if settled:
-            self._changed, self._since_change = False, 0
-        return settled
+    def _outdated(self) -> bool:
+        """Whether frames of before a change are gone, or have long been mixed with those of after it."""
+        mixed = self._since_change < self._size
+        return self._since_change == self._size or (mixed and self._exchanges >= self._size // _PART)
 
     def problem(self, options: FusionOptions, ambiguity_range: float | None) -> Problem:
         """That of all frames; the one before with one frame exchanged, where it could be kept.
@@ -131,6 +142,13 @@ class Window:
                 np.stack([entry.positions for entry in self.entries]),
                 options=options,
                 ambiguity_range=ambiguity_range,
-                noise=float(np.median([entry.noise for entry in self.entries])),
+                noise=self._noise(),
             )
+            self._problem.changed = self._changed
+            self._basis = Basis.of(self._problem, [entry.look for entry in self.entries])
         return self._problem
+
+    def _noise(self) -> float:
+        """The median of the frames', but for those that tell of none."""
+        known = [entry.look.noise for entry in self.entries if entry.look.noise > 0]
+        return float(np.median(known)) if known else 0.0
