@@ -97,6 +97,12 @@ def usual_deviation(distance: NDArray[np.float32], sigma: NDArray[np.float32]) -
     return max(_median(values), tiny) if values.size else tiny
 
 
+def usual_distance(distance: NDArray[np.float32]) -> float:
+    """The median of the distances that are not 0, whatever their sign; 0 where there are none."""
+    values = _thinned(np.abs(distance), distance, 0.0)
+    return _median(values) if values.size else 0.0
+
+
 def spread(distance: NDArray[np.float32]) -> float:
     """The range of the distances without the outermost 2 % at either end: the scene's, not the outliers'."""
     ranked = np.sort(_thinned(distance, distance))
