@@ -14,6 +14,7 @@ from solver.geometry.points import rotations_to_shifts
 from solver.geometry.positions import sample_positions
 from solver.methods import load
 from solver.options import FusionOptions, Method
+from solver.preparation.farthest import find_farthest, without
 from solver.preparation.prepare import prepare
 from solver.preparation.problem import Solution
 from solver.result import Fused, Progress, Report, Seconds
@@ -83,7 +84,8 @@ def fuse(
     options = replace(options, method=resolve(options.method, light, ambiguity_range))
 
     begin = time.perf_counter()
-    poses = _align(frames, light, ambiguity_range, shifts, rotations, initial, matrix, lens)
+    known, _ = without(frames, find_farthest(frames, ambiguity_range))
+    poses = _align(known, light, ambiguity_range, shifts, rotations, initial, matrix, lens)
     used = [k for k in range(len(frames)) if k not in poses.rejected]
     registered = time.perf_counter()
 

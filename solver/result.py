@@ -34,7 +34,8 @@ class Report:
         noise: c in σ(distance) = c / amplitude (given or estimated); without amplitude, σ itself.
         used: numbers of the frames that were fused, in the order given.
         rejected: reason by frame number for those that were not.
-        contradicted: the part of the valid samples that the other frames contradict; they were left out.
+        contradicted: the part of the valid samples that the other frames contradict, or that lie beyond three
+            ambiguity ranges (100 times the median distance, where none is given); they were left out.
         notes: what else the caller should know, in words.
     """
 

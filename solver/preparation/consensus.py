@@ -135,9 +135,9 @@ class Consensus:
         """The samples that agree, NaN in the place of the others."""
         return np.where(self.agrees[frames], self.measured[frames], np.float32(np.nan))
 
-    def contradicted(self) -> float:
-        """The part of the valid samples that the others contradict."""
-        return float(self._against.sum() / max(1, self._valid.sum()))
+    def verdicts(self) -> tuple[int, int]:
+        """How many of the valid samples the others contradict, and how many there are."""
+        return int(self._against.sum()), int(self._valid.sum())
 
     def disputed(self) -> NDArray[np.float64]:
         """(N,): the part of each frame's valid samples that the others contradict."""

@@ -27,7 +27,7 @@ def estimate(
     spans the range they bound it while 1 / A still grows: such differences would tell of little noise and are
     left out.
     """
-    picked = _picked(len(distance))
+    picked = _picked(distance, amplitude)
     if amplitude is None:
         inverse = np.empty((0, *distance.shape[1:]), np.float32)
     else:
@@ -97,16 +97,24 @@ def usual_deviation(distance: NDArray[np.float32], sigma: NDArray[np.float32]) -
     return max(_median(values), tiny) if values.size else tiny
 
 
+def usual_distance(distance: NDArray[np.float32]) -> float:
+    """The median of the distances that are not 0, whatever their sign; 0 where there are none."""
+    values = _thinned(np.abs(distance), distance, 0.0)
+    return _median(values) if values.size else 0.0
+
+
 def spread(distance: NDArray[np.float32]) -> float:
     """The range of the distances without the outermost 2 % at either end: the scene's, not the outliers'."""
     ranked = np.sort(_thinned(distance, distance))
     return _quantile(ranked, 0.98) - _quantile(ranked, 0.02)
 
 
-def _picked(count: int) -> NDArray[np.int64]:
-    """Frames spread over all of them."""
-    picked = min(count, _FRAMES)
-    return np.arange(picked) * (count - 1) // max(1, picked - 1)
+def _picked(distance: NDArray[np.float32], amplitude: NDArray[np.float32] | None) -> NDArray[np.intp]:
+    """Frames spread over all of those that can tell: with valid distances and with light."""
+    valid = np.isfinite(distance)
+    telling = np.flatnonzero((valid if amplitude is None else valid & (amplitude > 0)).any(axis=(1, 2)))
+    picked = min(len(telling), _FRAMES)
+    return telling[np.arange(picked) * (len(telling) - 1) // max(1, picked - 1)]
 
 
 def _thinned(

@@ -10,6 +10,7 @@ from solver.kernels import differences as kernels
 from solver.options import SINGLE, FusionOptions
 from solver.preparation import noise as noise_law
 from solver.preparation.consensus import MAJORITY, Consensus
+from solver.preparation.farthest import find_farthest, without
 from solver.preparation.problem import Problem
 from solver.preparation.scatter import LEAST, assign, scatter
 from solver.preparation.wrapping import find_cut, unwrapped
@@ -27,15 +28,17 @@ def prepare(
 ) -> Problem:
     """The problem of fusing (N, H, W) frames that look at positions (N, H, W, 2).
 
-    Dark samples are left out by the methods' own rule, samples without a position always, and so are those
-    that the other frames contradict, unless the noise is not known or the method shows one frame.
+    Dark samples are left out by the methods' own rule, samples without a position or too far always, and so
+    are those that the other frames contradict, unless the noise is not known or the method shows one frame.
 
     Raises:
-        FusionInputError: no sample is left.
+        FusionInputError: no sample is left, or most are too far for the ambiguity range.
     """
     lost = np.isnan(positions[..., 0])
     if lost.any():
         distance = np.where(lost, np.float32(np.nan), distance)
+    farthest = find_farthest(distance, ambiguity_range)
+    distance, beyond = without(distance, farthest)
     if noise is None:
         noise = noise_law.estimate(distance, amplitude, ambiguity_range)
     threshold = _threshold(amplitude, noise, ambiguity_range, options)
@@ -76,6 +79,8 @@ def prepare(
         options,
         threshold,
         cut,
+        farthest,
+        beyond,
         consensus,
         local,
     )
@@ -98,6 +103,7 @@ def exchange(
     lost = np.isnan(positions[..., 0])
     if lost.any():
         distance = np.where(lost, np.float32(np.nan), distance)
+    (distance,), (problem.beyond[slot],) = without(distance[None], problem.farthest)
     if problem.amplitude is None or amplitude is None:
         problem.distance[slot] = distance
         if problem.scatter is not None:

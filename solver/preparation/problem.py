@@ -1,6 +1,6 @@
 """What every method is given, and what it gives back: the border between `fuse` and the methods."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -33,6 +33,8 @@ class Problem:
         options: the caller's choices, `method` already resolved.
         threshold: the amplitude under which samples were left out; 0 = none were.
         cut: the distance under which samples lie beyond the range, and were brought there; see `wrapping`.
+        farthest: the distance beyond which none is measured; see `farthest`.
+        beyond: (N,), samples of each frame that are beyond it.
         consensus: what the frames say together; None where that is not asked, see `preparation.prepare`.
         scatter: (H, W), deviations where far from `noise` and no amplitude tells them, else 0, or None.
         exchanged: numbers of the frames that alone have changed since it was solved last; empty = all.
@@ -49,6 +51,8 @@ class Problem:
     options: FusionOptions
     threshold: float = 0.0
     cut: float = 0.0
+    farthest: float = np.inf
+    beyond: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     consensus: Consensus | None = None
     scatter: NDArray[np.float32] | None = None
     exchanged: tuple[int, ...] = ()
@@ -56,8 +60,13 @@ class Problem:
 
     @property
     def contradicted(self) -> float:
-        """The part of the valid samples that the other frames contradict."""
-        return 0.0 if self.consensus is None else self.consensus.contradicted()
+        """The part of the samples given that are too far, or that the other frames contradict."""
+        beyond, against = int(self.beyond.sum()), 0
+        if self.consensus is None:
+            valid = int(np.isfinite(self.distance).sum())
+        else:
+            against, valid = self.consensus.verdicts()
+        return (beyond + against) / max(1, beyond + valid)
 
     @property
     def fused_shape(self) -> tuple[int, int]:

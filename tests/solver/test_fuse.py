@@ -164,6 +164,10 @@ REFUSED = {
     "distortion alone": ({"distortion": np.zeros(5)}, "intrinsics"),
     "distortion size": ({"intrinsics": np.eye(3), "distortion": np.zeros(3)}, "coefficients"),
     "ambiguity range": ({"ambiguity_range": 0.0}, "ambiguity_range"),
+    "millimetres": (
+        {"distance": np.full((2, 4, 4), 1500.0), "shifts": None, "ambiguity_range": 7.5},
+        "100% .* beyond 22.5, .* same unit",
+    ),
     "noise": ({"noise": -1.0}, "noise"),
     "guide shape": ({"guide": np.ones((4, 4))}, "guide has shape"),
     "method": ({"options": FusionOptions(method="magic")}, "unknown"),  # type: ignore[arg-type]

@@ -21,6 +21,15 @@ def test_without_any_light_the_noise_is_not_known() -> None:
     assert estimate(distance, np.zeros_like(distance)) == 0
 
 
+@pytest.mark.parametrize("lost", ["dark", "invalid"])
+def test_frames_that_tell_nothing_do_not_stand_for_the_others(lost: str) -> None:
+    rng = np.random.default_rng(1)
+    amplitude = rng.uniform(50, 200, (15, 40, 50)).astype(np.float32)
+    distance = (2 + rng.normal(size=amplitude.shape) / amplitude).astype(np.float32)
+    (amplitude if lost == "dark" else distance)[[0, 3, 7, 10, 14]] = 0 if lost == "dark" else np.nan
+    assert estimate(distance, amplitude) == pytest.approx(1, rel=0.15)
+
+
 def seen(light: np.ndarray, distance: float = 2.0) -> tuple[np.ndarray, np.ndarray]:
     """Five frames of `light` (H, W), in deviations of a phasor's part: distances over the range, light."""
     rng = np.random.default_rng(5)
