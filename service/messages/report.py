@@ -62,7 +62,7 @@ class BurstReport(BaseModel):
         0.0,
         ge=0,
         le=1,
-        description="Share of the valid samples left out since the other frames contradict them.",
+        description="Share of the samples left out: the other frames contradict them, or they are too far.",
     )
     shifts: tuple[tuple[float, float], ...] = Field(
         description="(dy, dx) of each frame at the image centre, low-resolution pixels."

@@ -69,7 +69,7 @@ def describe(burst: BurstSummary) -> str:
         parts.append(f"median deviation {report.deviation * 1000:.1f} mm")
     parts.append(f"{report.seconds.total:.2f} s")
     if report.contradicted >= _WORTH_SAYING:
-        parts.append(f"{report.contradicted:.1%} of the samples contradict the others and were left out")
+        parts.append(f"{report.contradicted:.1%} of the samples contradict the others, or are too far")
     if report.missing:
         parts.append(f"{report.missing} frames missing")
     if not report.converged:
