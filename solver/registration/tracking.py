@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solver.errors import RegistrationError
-from solver.registration.alignment import FEWEST
 from solver.registration.equations import POSITION_ERROR, Equations, normal_equations
 from solver.registration.fading import FadingSums
 from solver.registration.fit import OVERLAP
@@ -17,6 +16,7 @@ from solver.registration.mosaic import Mosaic, halved
 from solver.registration.motion import Motion, Rotation, Shift
 from solver.registration.placement import ALIASED, DENSITY, SMOOTHING
 from solver.registration.point_samples import Points
+from solver.registration.reference import FEWEST
 from solver.registration.samples import Samples, Scaling, pyramid, scaling
 from solver.registration.start import find_start
 from solver.registration.steps import solve_steps

@@ -63,8 +63,6 @@ class Follower:
         Raises:
             RegistrationError: it does not fit.
         """
-        if not window.entries:
-            return np.zeros_like(window.grid)
         if not self._before:
             self._before.extend(_Placed(one.distance, one.amplitude, one.pose) for one in window.entries)
         if len(self._before) < _FEW:

@@ -88,8 +88,9 @@ class SlidingFusion:
 
         Raises:
             FusionInputError: an argument cannot be used, or does not go with the frames before.
-            RegistrationError: the frame fits none before it; the window is as it was. The fifth in a row
-                starts the stream over instead, and the notes of the report say so.
+            RegistrationError: the frame fits none before it, or is a first one that shows nothing to place
+                others by; the window is as it was. The fifth in a row that fits none starts the stream over
+                instead, and the notes of the report say so.
         """
         begin = time.perf_counter()
         # Copies: the window outlives the call, after which the caller may fill the same memory anew.
@@ -135,6 +136,9 @@ class SlidingFusion:
         guess: Pose | None,
     ) -> tuple[Pose, tuple[str, ...]]:
         """The pose of a frame, and notes; after a run of misfits the frames before are forgotten."""
+        if not self._window.entries:
+            self._check_first(frame, light)
+            return np.zeros_like(self._window.grid), ()
         try:
             return self._follower.pose(self._window, frame, light, guess), ()
         except RegistrationError as error:
@@ -142,10 +146,16 @@ class SlidingFusion:
             if self._misfits < _LOST:
                 why = f"frame {self._pushed} does not fit the ones before: {error}"
                 raise RegistrationError(why) from error
+        self._check_first(frame, light)
         self._window.clear()
         self._forget()
         why = f"the stream started over at frame {self._pushed}: {_LOST} frames in a row did not fit"
         return self._window.grid if guess is None else guess, (why,)
+
+    def _check_first(self, frame: NDArray[np.float32], light: NDArray[np.float32] | None) -> None:
+        from solver.registration import check_first
+
+        check_first(frame, light, self._range)
 
     def _check_like(self, frame: NDArray[np.float32], light: NDArray[np.float32] | None) -> None:
         if not self._window.entries:
