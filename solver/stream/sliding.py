@@ -29,7 +29,8 @@ class SlidingFusion:
 
     Positions are relative to the first frame pushed, which fixes the grid until `reset` or until the
     newest frame overlaps it by less than half; then the grid moves to the newest frame and the notes of
-    the report say so. A map that starts from the one before is not certified: its report has no gap.
+    the report say so. Those of the first 15 frames, unless they are given, change as more come. A map that
+    starts from the one before is not certified: its report has no gap.
 
     A full window of at least 8 frames is solved anew only now and then (see `stream.window`). Between, one
     frame is exchanged and a few iterations follow the data; `converged` says whether those were enough.
@@ -140,7 +141,11 @@ class SlidingFusion:
             self._check_first(frame, light)
             return np.zeros_like(self._window.grid), ()
         try:
-            return self._follower.pose(self._window, frame, light, guess), ()
+            pose, period = self._follower.pose(self._window, frame, light, guess), self._follower.period
+            if period is None or guess is not None:
+                return pose, ()
+            repeats = f"all that frame {self._pushed} shows repeats after {period:.0f} pixels: it is placed "
+            return pose, (f"{repeats}within half of that from the one before; give `initial` otherwise",)
         except RegistrationError as error:
             self._misfits += 1
             if self._misfits < _LOST:
