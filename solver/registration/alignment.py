@@ -7,11 +7,11 @@ from solver.errors import RegistrationError
 from solver.registration.equations import Equations
 from solver.registration.fit import FITS, OVERLAP, STANDS_OUT, SUSPECT, misfits
 from solver.registration.placement import Placement
+from solver.registration.reference import FEWEST, why_no_reference
 from solver.registration.start import find_start, period, seek_shifts, start_at
 
 Float = NDArray[np.float64]
 
-FEWEST = 0.05  # share of valid pixels under which a frame cannot be placed
 SAME = 2.0  # pixels, from where refinement ends in the same place
 
 
@@ -29,13 +29,21 @@ class Alignment:
         self.period = period(placement.levels, placement.reference)
 
     def drop_empty(self) -> None:
-        """Reject frames without enough valid pixels."""
+        """Reject frames without enough valid pixels.
+
+        Raises:
+            RegistrationError: the reference has none, or nothing to place the others by.
+        """
         used = (self.placed.levels[0].weights > 0).mean(axis=(1, 2))
         for k in np.flatnonzero(used < FEWEST):
-            what = f"{100 * used[k]:.1f} % of its pixels are valid; at least {100 * FEWEST:.0f} % are needed"
-            if k == self.placed.reference:
-                raise RegistrationError(f"frame {k}, the reference, cannot be used: {what}")
-            self.placed.rejected[int(k)] = what
+            self.placed.rejected[int(k)] = (
+                f"{100 * used[k]:.1f} % of its pixels are valid; at least {100 * FEWEST:.0f} % are needed"
+            )
+        others, reference = self.placed.active, self.placed.reference
+        others[reference] = False
+        why = why_no_reference(self.placed.levels, reference, others)
+        if why:
+            raise RegistrationError(f"frame {reference}, the reference, cannot be used: {why}")
 
     def align(self) -> None:
         """Place all frames; reject those that do not fit.

@@ -64,7 +64,8 @@ def register(
 
     Raises:
         FusionInputError: wrong shapes, or NaN in `initial`.
-        RegistrationError: the reference has hardly a valid pixel, or no other frame fits it.
+        RegistrationError: the reference has hardly a valid pixel, no light or no contrast, or no other frame
+            fits it.
     """
     images = np.asarray(distance, dtype=np.float32)
     light = None if amplitude is None else np.asarray(amplitude, dtype=np.float32)

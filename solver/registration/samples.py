@@ -119,8 +119,7 @@ def _phasor_scaling(distance: Image, amplitude: Image, ambiguity_range: float) -
     some = Statistics.of(phasors, known, np.ones_like(light))
     if some is None:
         return partial(_phasors, np.float32(0), np.zeros(2, np.float32), np.float32(0))
-    scale = 1 / np.sqrt(some.noise + (FLOOR * some.spread) ** 2 + 1e-30)
-    return partial(_phasors, np.float32(1 / ambiguity_range), some.middle, np.float32(scale))
+    return partial(_phasors, np.float32(1 / ambiguity_range), some.middle, some.factor(1))
 
 
 def _phasors(
@@ -186,5 +185,5 @@ def _weighted(
     variance = some.noise * relative * relative + np.float32((FLOOR * some.spread) ** 2 + 1e-30)
     typical = some.noise * some.relative**2 + (FLOOR * some.spread) ** 2 + 1e-30
     weights = np.where(valid, np.float32(typical) / variance, 0)
-    scaled = (values - some.middle[:, None, None, None]) * np.float32(1 / np.sqrt(typical))
+    scaled = (values - some.middle[:, None, None, None]) * some.factor(some.relative)
     return Samples(scaled, weights, 0, bent=True)

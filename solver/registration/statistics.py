@@ -27,6 +27,11 @@ class Statistics:
     middle: NDArray[np.float32]
     relative: float
 
+    def factor(self, relative: float) -> np.float32:
+        """1 / deviation of samples of that relative noise; 0 where all are alike, so that they stay so."""
+        variance = self.noise * relative**2 + (FLOOR * self.spread) ** 2
+        return np.float32(1 / np.sqrt(variance) if variance > 0 else 0)
+
     @classmethod
     def of(cls, values: Image, valid: Mask, relative: Image) -> "Statistics | None":
         part = some_of(valid.shape)

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from solver.errors import RegistrationError
-from solver.registration.alignment import FEWEST
 from solver.registration.equations import POSITION_ERROR, Equations, normal_equations
 from solver.registration.fading import FadingSums
 from solver.registration.fit import OVERLAP
@@ -17,8 +16,9 @@ from solver.registration.mosaic import Mosaic, halved
 from solver.registration.motion import Motion, Rotation, Shift
 from solver.registration.placement import ALIASED, DENSITY, SMOOTHING
 from solver.registration.point_samples import Points
+from solver.registration.reference import FEWEST
 from solver.registration.samples import Samples, Scaling, pyramid, scaling
-from solver.registration.start import find_start
+from solver.registration.start import find_start, period
 from solver.registration.steps import solve_steps
 
 Float = NDArray[np.float64]
@@ -42,6 +42,9 @@ class Track:
     Args:
         horizon: how many frames the mosaic is made of.
         intrinsics, distortion, ambiguity_range: as for `register`.
+
+    Attributes:
+        period: as of `Registration`, of the newest frame that it began with; None where it began with none.
     """
 
     def __init__(
@@ -61,14 +64,29 @@ class Track:
         self._latest: tuple[Samples, Float] | None = None
         self._misfit: Misfit | None = None
         self._misfits: list[float] = []
+        self.period: float | None = None
+
+    def begin(self, distance: Image, amplitude: Image | None, positions: list[Float]) -> None:
+        """Add frames (N, H, W) that look where positions say; all of them tell what is usual."""
+        self._scaling = scaling(distance, amplitude, self._range)
+        lights = [None] * len(distance) if amplitude is None else list(amplitude)
+        for frame, light, position in zip(distance, lights, positions, strict=True):
+            self.add(frame, light, position)
+        self.period = period(self._prepared(distance[-1], lights[-1]), 0)
 
     def add(self, distance: Image, amplitude: Image | None, position: Float) -> None:
         """Add a frame (H, W) that looks where `position` says."""
         levels = self._prepared(distance, amplitude)
-        self._add(levels, self._points(levels[0]), _parameters(position))
+        points, place = self._points(levels[0]), _parameters(position)
+        if self._mosaics:
+            self._remember(self._equations(points, place))
+        self._add(levels, points, place)
 
-    def follow(self, distance: Image, amplitude: Image | None, guess: Float) -> Float:
+    def follow(self, distance: Image, amplitude: Image | None, guess: Float, *, guided: bool = True) -> Float:
         """Find where a frame (H, W) looks, from a first guess, and add it.
+
+        Looked for next to the guess; where it does not fit there, and unless it is `guided`, up to a quarter
+        of the image away from the latest frame too.
 
         Raises:
             RegistrationError: it does not fit; nothing was added.
@@ -81,14 +99,19 @@ class Track:
                 f"{100 * used:.1f} % of its pixels are valid; at least {100 * FEWEST:.0f} % are needed"
             )
         prior = _parameters(guess)
-        found, equations = self._refined(points, self._started(levels, prior, guided=True), prior)
+        near = self._started(levels, prior, guided=True)
+        found, equations = self._refined(points, near, prior)
         misfit = self._why_not(equations)
-        if misfit:
-            found, equations = self._refined(points, self._started(levels, prior, guided=False), prior)
-            misfit = self._why_not(equations)
+        if misfit or not guided:
+            far = self._started(levels, prior, guided=False)
+            if (far != near).any():
+                elsewhere = self._refined(points, far, prior)
+                why = self._why_not(elsewhere[1])
+                if not why and (misfit or elsewhere[1].misfit < equations.misfit):
+                    (found, equations), misfit = elsewhere, ""
         if misfit:
             raise RegistrationError(misfit)
-        self._misfits = [*self._misfits[-14:], float(equations.misfit[0])]
+        self._remember(equations)
         self._add(levels, points[0], found)
         return found[0, : len(guess)]
 
@@ -105,7 +128,7 @@ class Track:
         samples, position = self._latest
         pair = samples.joined(levels[-1])
         guess = self._motion.relative(np.concatenate([position, prior]), 0)
-        found = find_start(pair, levels[0].shape, 0, guess, self._motion, guided)
+        found = find_start(pair, levels[0].shape, 0, guess, self._motion, guided, self.period)
         return prior if (found == guess).all() else self._motion.moved(found[1:], position)
 
     def _points(self, samples: Samples) -> Points:
@@ -120,18 +143,23 @@ class Track:
         limit = LARGEST * unit
         position = start
         for level in reversed(points):
-            mosaic = self._mosaics[level.level]
             enough = COARSE_STEP if level.level else STEP
-            error = ALIASED if self._added == 1 else POSITION_ERROR
             for _ in range(STEPS):
-                place = self._motion.place(level, position)
-                equations = normal_equations(level, place, mosaic, self._motion, error)
+                equations = self._equations(level, position)
                 steps, _ = solve_steps(equations, prior - position, stiffness, unit)
                 steps = np.clip(steps, -limit, limit)
                 position = self._motion.moved(position, steps)
                 if np.abs(steps / unit).max() < enough:
                     break
         return position, equations
+
+    def _equations(self, points: Points, position: Float) -> Equations:
+        place, mosaic = self._motion.place(points, position), self._mosaics[points.level]
+        error = ALIASED if self._added == 1 else POSITION_ERROR
+        return normal_equations(points, place, mosaic, self._motion, error)
+
+    def _remember(self, equations: Equations) -> None:
+        self._misfits = [*self._misfits[-14:], float(equations.misfit[0])]
 
     def _why_not(self, equations: Equations) -> str:
         """Why a frame does not fit; empty where it does."""

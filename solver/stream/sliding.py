@@ -29,7 +29,8 @@ class SlidingFusion:
 
     Positions are relative to the first frame pushed, which fixes the grid until `reset` or until the
     newest frame overlaps it by less than half; then the grid moves to the newest frame and the notes of
-    the report say so. A map that starts from the one before is not certified: its report has no gap.
+    the report say so. Those of the first 15 frames, unless they are given, change as more come. A map that
+    starts from the one before is not certified: its report has no gap.
 
     A full window of at least 8 frames is solved anew only now and then (see `stream.window`). Between, one
     frame is exchanged and a few iterations follow the data; `converged` says whether those were enough.
@@ -88,8 +89,9 @@ class SlidingFusion:
 
         Raises:
             FusionInputError: an argument cannot be used, or does not go with the frames before.
-            RegistrationError: the frame fits none before it; the window is as it was. The fifth in a row
-                starts the stream over instead, and the notes of the report say so.
+            RegistrationError: the frame fits none before it, or is a first one that shows nothing to place
+                others by; the window is as it was. The fifth in a row that fits none starts the stream over
+                instead, and the notes of the report say so.
         """
         begin = time.perf_counter()
         # Copies: the window outlives the call, after which the caller may fill the same memory anew.
@@ -135,17 +137,30 @@ class SlidingFusion:
         guess: Pose | None,
     ) -> tuple[Pose, tuple[str, ...]]:
         """The pose of a frame, and notes; after a run of misfits the frames before are forgotten."""
+        if not self._window.entries:
+            self._check_first(frame, light)
+            return np.zeros_like(self._window.grid), ()
         try:
-            return self._follower.pose(self._window, frame, light, guess), ()
+            pose, period = self._follower.pose(self._window, frame, light, guess), self._follower.period
+            if period is None or guess is not None:
+                return pose, ()
+            repeats = f"all that frame {self._pushed} shows repeats after {period:.0f} pixels: it is placed "
+            return pose, (f"{repeats}within half of that from the one before; give `initial` otherwise",)
         except RegistrationError as error:
             self._misfits += 1
             if self._misfits < _LOST:
                 why = f"frame {self._pushed} does not fit the ones before: {error}"
                 raise RegistrationError(why) from error
+        self._check_first(frame, light)
         self._window.clear()
         self._forget()
         why = f"the stream started over at frame {self._pushed}: {_LOST} frames in a row did not fit"
         return self._window.grid if guess is None else guess, (why,)
+
+    def _check_first(self, frame: NDArray[np.float32], light: NDArray[np.float32] | None) -> None:
+        from solver.registration import check_first
+
+        check_first(frame, light, self._range)
 
     def _check_like(self, frame: NDArray[np.float32], light: NDArray[np.float32] | None) -> None:
         if not self._window.entries:

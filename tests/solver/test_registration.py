@@ -137,6 +137,25 @@ def test_an_empty_reference_and_frames_that_all_fail_raise():
     assert sorted(register(distance, reference=1).rejected) == [0]
 
 
+@pytest.mark.parametrize("blank", ["dark", "even"])
+def test_a_reference_without_light_or_contrast_raises(blank):
+    _, distance, amplitude = turned()
+    distance, amplitude = distance.copy(), amplitude.copy()
+    distance[0], amplitude[0] = (distance[0], 0) if blank == "dark" else (2, 0.5)
+    with pytest.raises(RegistrationError, match="frame 0, the reference, cannot be used: it has no light"):
+        register(distance, amplitude, intrinsics=K, ambiguity_range=RANGE)
+    assert sorted(register(distance, amplitude, reference=1, ambiguity_range=RANGE).rejected) == [0]
+
+
+def test_a_plain_wall_of_noise_stays_at_rest():
+    wall = np.random.default_rng(0).normal(2, 0.01, (4, 72, 88))
+    light = np.random.default_rng(1).normal(1, 0.01, wall.shape)
+    for amplitude in (None, light):
+        found = register(wall, amplitude, ambiguity_range=RANGE)
+        assert not found.rejected
+        assert np.abs(found.shifts).max() < 0.5
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks" / "battery"))
 from parts import checked, printed, scene, stairs, wall
 from rig import BASE, FOCAL, RANGE, capture, look
 
-from solver import FusionOptions, FusionWarning, fuse
+from solver import FusionOptions, FusionWarning, SlidingFusion, fuse
 from solver.registration import register
 
 
@@ -146,3 +146,46 @@ def test_a_guess_that_looks_behind_the_camera_is_only_a_guess():
         ambiguity_range=RANGE,
     )
     assert FOCAL * np.abs(found.rotations - burst.rotations)[[0, 1, 2, *range(4, 15)], :2].max() < 0.05
+
+
+def test_a_stream_of_what_resembles_itself_is_placed_as_a_burst_is():
+    made = scene("stairs", stairs(2.0, 0.06, 5, printed(0.2, 9, 0.012), lying=True))
+    steps = capture(look(made, (4,)), replace(BASE, poses="none"), seed=0)
+    options, matrix = FusionOptions(method="shift-and-add", upsampling=1), steps.given["intrinsics"]
+    sliding = SlidingFusion(options, window=10, ambiguity_range=RANGE, intrinsics=matrix)
+    for number, (frame, light) in enumerate(zip(steps.distance, steps.amplitude, strict=True)):
+        found = sliding.push(frame, light).rotations
+        true = steps.rotations[max(0, number - 9) : number + 1]
+        if number >= 6:
+            assert FOCAL * np.abs(found - found[0] - true + true[0])[:, :2].max() < 0.1
+
+
+def test_a_stream_that_pans_goes_on_beyond_what_its_first_frame_shows():
+    ink = np.random.default_rng(3).random((120, 120)) < 0.5
+
+    def patches(row, column):
+        return np.where(ink[(row / 3 + 20).astype(int), (column / 3 + 20).astype(int)], 600, 3000)
+
+    distance, amplitude, shifts = shifted(patches, 1.5)
+    shifts = shifts + np.outer(np.arange(15), (0, 2))
+    sliding = SlidingFusion(FusionOptions(method="shift-and-add"), window=12, ambiguity_range=RANGE)
+    for number, (frame, light) in enumerate(zip(distance, amplitude, strict=True)):
+        view = np.s_[:, 2 * number : 2 * number + 36]
+        found = sliding.push(frame[view], light[view]).shifts
+        true = shifts[max(0, number - 11) : number + 1]
+        assert np.abs(found - found[0] - true + true[0]).max() < 0.3
+
+
+def test_a_stream_says_that_what_it_shows_repeats_unless_it_is_guided():
+    distance, amplitude, shifts = shifted(cells(16), 2.4)
+    for guided in (False, True):
+        sliding = SlidingFusion(FusionOptions(method="shift-and-add"), window=8, ambiguity_range=RANGE)
+        for frame, light, shift in zip(distance, amplitude, shifts, strict=True):
+            fused = sliding.push(frame, light, initial=shift if guided else None)
+            assert (
+                np.abs(fused.shifts - fused.shifts[-1] - shifts[list(fused.report.used)] + shift).max() < 0.3
+            )
+            if fused.report.used != (0,):
+                assert ["repeats after 11 pixels" in note for note in fused.report.notes] == [True] * (
+                    not guided
+                )

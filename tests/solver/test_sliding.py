@@ -296,6 +296,38 @@ def test_a_stream_starts_over_where_the_scene_is_another_one() -> None:
     assert sliding.push(trial.distance[5, ::-1]).report.used == (8, 9)
 
 
+@pytest.mark.parametrize("blank", ["dark", "even", "empty"])
+def test_a_stream_does_not_begin_with_a_frame_that_shows_nothing(blank: str) -> None:
+    distance, amplitude, shifts = long_stream(14)
+    few = np.full_like(distance[0], np.nan)
+    few[3, 3] = 2
+    blanks = {
+        "dark": (distance[0], 0 * amplitude[0]),
+        "even": (np.full_like(distance[0], 2), amplitude[0]),
+        "empty": (few, amplitude[0]),
+    }
+    sliding = SlidingFusion(FusionOptions(method="shift-and-add"), window=8, ambiguity_range=7.5)
+    with pytest.raises(RegistrationError, match="begin with one that shows the scene"):
+        sliding.push(*blanks[blank])
+    found = [sliding.push(frame, light).shifts[-1] for frame, light in zip(distance, amplitude, strict=True)]
+    assert np.abs(found[7] - shifts[7]).max() < 0.1
+    # Nor does it start over with one, however many there are.
+    for _ in range(6):
+        with pytest.raises(RegistrationError):
+            sliding.push(*blanks[blank])
+    assert sliding.push(distance[13], amplitude[13]).report.used == (7, 8, 9, 10, 11, 12, 13, 14)
+
+
+@pytest.mark.parametrize("lit", [False, True])
+def test_a_stream_of_a_plain_wall_stays_at_rest(lit: bool) -> None:
+    rng = np.random.default_rng(0)
+    sliding = SlidingFusion(FusionOptions(method="shift-and-add"), window=8, ambiguity_range=7.5)
+    for _ in range(20):
+        light = rng.normal(1000, 5, (ROWS, COLUMNS)) if lit else None
+        fused = sliding.push(rng.normal(2, 0.005, (ROWS, COLUMNS)), light)
+        assert np.abs(fused.shifts).max() < 1
+
+
 @pytest.mark.parametrize("window", [1, 3])
 def test_frames_of_a_short_window_do_not_drift(window: int) -> None:
     distance, amplitude, shifts = long_stream(80)
