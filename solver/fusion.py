@@ -14,7 +14,7 @@ from solver.geometry.points import rotations_to_shifts
 from solver.geometry.positions import sample_positions
 from solver.methods import load
 from solver.options import FusionOptions, Method
-from solver.preparation.farthest import find_farthest, without
+from solver.preparation.farthest import check_units, find_farthest, without
 from solver.preparation.prepare import prepare
 from solver.preparation.problem import Solution
 from solver.result import Fused, Progress, Report, Seconds
@@ -84,6 +84,7 @@ def fuse(
     options = replace(options, method=resolve(options.method, light, ambiguity_range))
 
     begin = time.perf_counter()
+    check_units(frames, ambiguity_range)
     known, _ = without(frames, find_farthest(frames, ambiguity_range))
     poses = _align(known, light, ambiguity_range, shifts, rotations, initial, matrix, lens)
     used = [k for k in range(len(frames)) if k not in poses.rejected]

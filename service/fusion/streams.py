@@ -39,7 +39,7 @@ class Stream:
             distortion=calibration.distortion or None,
             noise=noise_of(calibration, job.frame),
         )
-        self._grid, self._window = job.frame, job.window
+        self._first = self._grid = job.frame
         self._frames: dict[int, Frame] = {}
         # A process that was started again knows no frame before this one.
         anew = f"the stream began anew at frame {job.number}: the fusion was started again"
@@ -49,7 +49,7 @@ class Stream:
         """The map of the window with this frame; raises `FusionError` where it cannot be fused."""
         began = time.perf_counter()
         frame, calibration = job.frame, job.calibration
-        places = [(self._grid.pan, self._grid.tilt), (frame.pan, frame.tilt)]
+        places = [(self._first.pan, self._first.tilt), (frame.pan, frame.tilt)]
         turn = relative_rotations(places, calibration.mount)[1]
         distance, amplitude = corrected(frame, calibration)
         with warnings.catch_warnings():

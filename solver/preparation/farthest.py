@@ -19,21 +19,27 @@ _TIMES = 100.0
 
 
 def find_farthest(distance: Image, ambiguity_range: float | None) -> float:
-    """The distance beyond which samples (N, H, W) cannot lie; infinite where they tell of none.
-
-    Raises:
-        FusionInputError: most lie beyond it, as where distance and range have different units.
-    """
+    """The distance beyond which samples (N, H, W) cannot lie; infinite where they tell of none."""
     if ambiguity_range is None:
         return _TIMES * noise_law.usual_distance(distance) or np.inf
-    farthest = _TURNS * ambiguity_range
+    return _TURNS * ambiguity_range
+
+
+def check_units(distance: Image, ambiguity_range: float | None) -> None:
+    """Refuse samples (N, H, W) of another unit than the range.
+
+    Raises:
+        FusionInputError: most lie beyond what it can tell.
+    """
+    if ambiguity_range is None:
+        return
+    farthest = find_farthest(distance, ambiguity_range)
     beyond, valid = int(_beyond(distance, farthest).sum()), int(np.isfinite(distance).sum())
     if 2 * beyond > valid:
         raise FusionInputError(
             f"{beyond / valid:.0%} of the distances lie beyond {farthest:g}, {_TURNS:g} times the "
             "ambiguity_range; give both in the same unit, and mark invalid pixels with NaN"
         )
-    return farthest
 
 
 def without(distance: Image, farthest: float) -> tuple[Image, NDArray[np.int64]]:

@@ -1,6 +1,7 @@
 """Cameras without modulation and without amplitude: every consumer of frames copes."""
 
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -88,6 +89,19 @@ def test_a_stream_gives_maps_without_amplitude():
     for job in jobs:
         result = stream.push(job)
     assert result.depth.shape == (2 * SHAPE[0], 2 * SHAPE[1])
+
+
+def test_a_stream_that_pans_keeps_the_grid_that_it_moved_to():
+    angles = (0.0, 0.3, 0.7, 0.75, 0.8)
+    frames = [replace(frame, pan=angle) for frame, angle in zip(depth_frames(5), angles, strict=True)]
+    stream = Stream(FrameJob(frames[0], KNOWN, QUICK, 3, 0, 0))
+    reports = [
+        stream.push(FrameJob(frame, KNOWN, QUICK, 3, 0, number)).report for number, frame in enumerate(frames)
+    ]
+    assert [["grid moved" in note for note in report.notes] for report in reports] == [[], [], [True], [], []]
+    turned = [report.shifts[-1][1] for report in reports[2:]]
+    expected = [45 * np.tan(angle - 0.7) for angle in angles[2:]]
+    np.testing.assert_allclose(np.abs(turned), expected, atol=0.01)
 
 
 def test_phasor_that_is_asked_for_says_what_it_lacks():

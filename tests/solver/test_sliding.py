@@ -349,3 +349,13 @@ def test_a_stream_that_is_prepared_anew_is_not_run_to_its_end(method: str, most:
         for frame, light, shift in zip(distance, amplitude, shifts, strict=True)
     ]
     assert max(taken[12:]) <= most < 0.7 * taken[9]
+
+
+def test_codes_for_invalid_pixels_misplace_no_frame_of_a_stream() -> None:
+    distance, _, shifts = long_stream(12)
+    distance[np.random.default_rng(1).random(distance.shape) < 0.02] = 65535
+    sliding = SlidingFusion(FusionOptions(method="lidarboost"), window=12)
+    for frame, shift in zip(distance, shifts, strict=True):
+        fused = sliding.push(frame, initial=shift)
+    assert np.abs(fused.shifts - shifts).max() < 0.3
+    assert np.nanmax(fused.distance) < 3
