@@ -40,9 +40,11 @@ class TruthSearch:
         while (asked := self._asked()) is not None:
             find, take = asked
             try:
-                take(find())
+                truth = find()
             except Exception as error:  # as a rule there is not enough memory for it
                 _log.warning("the truth of the simulation cannot be had: %s", error or type(error).__name__)
+                continue
+            take(truth)
 
     def _asked(self) -> tuple[Find, Take] | None:
         with self._lock:

@@ -60,7 +60,7 @@ class Stream:
                 fused = self._fusion.push(distance, amplitude, rotation=turn)
         used = fused.report.used
         self._frames = {k: (self._frames | {used[-1]: frame})[k] for k in used}
-        if fused.report.notes:  # the grid moved to this frame
+        if fused.report.notes:  # the grid is this frame's: it moved, or the stream started over
             self._grid = frame
         notes, self._notes = self._notes + fused.report.notes, ()
         return map_of(

@@ -179,12 +179,14 @@ def _described(path: Path, is_written: bool) -> RecordedFile:
 
 
 def _is_whole(path: Path) -> bool:
-    """Whether it has its name and its end; by its name alone where this service may not read it."""
+    """Whether it has its name and its end; by its name alone where it cannot be read."""
     if path.suffix == WORKING_SUFFIX:
         return False
     try:
         return has_footer(path)
-    except PermissionError:
+    except FileNotFoundError:
+        raise
+    except OSError:
         return True
 
 

@@ -54,7 +54,7 @@ _REFRESH = 20
 
 
 class Memory:
-    """What an iteration leaves to the next one: above all the last step."""
+    """What iterations leave to the next ones: above all the last step."""
 
     def __init__(self, x: Image, diagonal: bool) -> None:
         """For a map like x; `diagonal` as the data term's operator."""
@@ -196,7 +196,7 @@ def minimise(
             unless given. Duals settle much sooner at a fixed ε, so for a small gap give more.
         window: the least number of iterations over which a fall of the objective is measured; a start near
             the minimum needs no more than one.
-        memory: of a run before on a term of the same kind, whose place in memory is taken.
+        memory: of a run before on a term of the same kind, whose arrays are used again.
     """
     hide = _ROUNDING * tolerance if rounding is None else rounding
     if memory is None:

@@ -52,6 +52,13 @@ def without(distance: Image, farthest: float) -> tuple[Image, NDArray[np.int64]]
     return np.where(beyond, np.float32(np.nan), distance) if counts.any() else distance, counts
 
 
+def measured(frame: Image, ambiguity_range: float | None) -> Image:
+    """The frame (H, W) without what is too far."""
+    known, _ = without(frame[None], find_farthest(frame[None], ambiguity_range))
+    first: Image = known[0]
+    return first
+
+
 def _beyond(distance: Image, farthest: float) -> NDArray[np.bool_]:
     with np.errstate(invalid="ignore", over="ignore"):
         return np.abs(distance) > np.float32(farthest)

@@ -38,14 +38,15 @@ def why_no_reference(levels: list[Samples], reference: int, others: Mask) -> str
     if share < FEWEST:
         return f"{100 * share:.1f} % of its pixels are valid; at least {100 * FEWEST:.0f} % are needed"
     contrast = _contrast(levels[-1])
-    least = BLANK * float(np.median(contrast[others])) if others.any() else NOTHING
-    if contrast[reference] < least:
+    told = contrast[others & np.isfinite(contrast)]
+    least = BLANK * float(np.median(told)) if told.size else NOTHING
+    if not contrast[reference] >= least:  # NaN, where too few pixels are left to tell
         return "it has no light, or is the same everywhere"
     return ""
 
 
 def _contrast(samples: Samples) -> NDArray[np.float32]:
-    """(N,): the range of each frame's values, but for the outermost fiftieths, in deviations."""
+    """(N,): the range of each frame's values, without the outermost fiftieths, in deviations; NaN of none."""
     channels, count = samples.values.shape[:2]
     used = samples.weights > 0
     values = np.where(used, samples.values, np.nan).reshape(channels, count, -1)

@@ -34,21 +34,28 @@ class Basis:
 
     Attributes:
         seen: (H, W), where there was light.
-        disputed: part of a frame's samples that the others contradict, the largest of all frames.
-        light, noise: the least and the greatest of the frames'; infinite where none is known.
+        disputed: part of a frame's samples that the others contradict, the least and the greatest.
+        light, noise: the least and the greatest of the frames'; (0, ∞) where none is known.
     """
 
     seen: NDArray[np.bool_]
-    disputed: float
+    disputed: tuple[float, float]
     light: tuple[float, float]
     noise: tuple[float, float]
 
     @classmethod
     def of(cls, problem: Problem, looks: list[Look]) -> Self:
         """What a problem is that was just prepared of frames that look so."""
-        disputed = 0.0 if problem.consensus is None else float(problem.consensus.disputed().max())
+        parts = np.zeros(1) if problem.consensus is None else problem.consensus.disputed()
         lights, noises = [look.light for look in looks], [look.noise for look in looks]
+        disputed = float(parts.min()), float(parts.max())
         return cls(_seen(problem), disputed, _range(lights), _range(noises))
+
+    @property
+    def mixed(self) -> bool:
+        """Whether the frames that it was prepared of do not suit each other."""
+        apart = any(np.isfinite(most) and most > _FACTOR * least for least, most in (self.light, self.noise))
+        return apart or _more(self.disputed[1], self.disputed[0])
 
     def suits(self, problem: Problem, look: Look) -> bool:
         """Whether what was learned suits a problem whose first exchanged frame looks so."""
@@ -56,7 +63,7 @@ class Basis:
             return False
         if problem.consensus is not None:
             disputed = problem.consensus.disputed()[problem.exchanged[0]]
-            if disputed > 2 * self.disputed + _DISPUTED:
+            if _more(disputed, self.disputed[1]):
                 return False
         found = _seen(problem) & ~self.seen
         return bool(np.count_nonzero(found) <= _UNSEEN * found.size)
@@ -66,6 +73,10 @@ def _seen(problem: Problem) -> NDArray[np.bool_]:
     shape, cells = problem.distance.shape[1:], problem.options.upsampling**2
     mean = cv2.resize(problem.precision, shape[::-1], interpolation=cv2.INTER_AREA)
     return np.asarray(mean > _SAMPLE / cells)
+
+
+def _more(disputed: float, usual: float) -> bool:
+    return disputed > 2 * usual + _DISPUTED
 
 
 def _range(values: list[float]) -> tuple[float, float]:

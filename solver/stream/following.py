@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from solver.errors import RegistrationError
 from solver.geometry.poses import Pose, PoseSpace, overlap
-from solver.preparation.farthest import find_farthest, without
+from solver.preparation.farthest import measured
 from solver.stream.window import Window
 
 _FEW = 6
@@ -77,15 +77,17 @@ class Follower:
     ) -> Pose:
         """The pose of a frame (H, W) with its amplitude, near the newest one's unless there is a guess.
 
+        Of the frame nothing is too far to be measured.
+
         Raises:
             RegistrationError: it does not fit.
         """
         if not self._before:
             self._before.extend(
-                _Placed(self._measured(one.distance), one.amplitude, one.pose) for one in window.entries
+                _Placed(measured(one.distance, self._range), one.amplitude, one.pose)
+                for one in window.entries
             )
             self._fixed = len(self._before)
-        frame = self._measured(frame)
         self._guessed |= guess is not None
         if len(self._before) < min(self._before.maxlen or 0, _TOGETHER):
             found = self._placed_anew(window, frame, light, guess)
@@ -93,12 +95,6 @@ class Follower:
             found = self._followed(window.grid, frame, light, guess)
         self._before.append(_Placed(frame, light, found))
         return found
-
-    def _measured(self, frame: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The frame (H, W) without what is too far to be measured."""
-        measured, _ = without(frame[None], find_farthest(frame[None], self._range))
-        known: NDArray[np.float32] = measured[0]
-        return known
 
     def _followed(
         self,

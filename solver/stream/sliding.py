@@ -14,9 +14,11 @@ from solver.geometry.poses import Pose, PoseSpace, central
 from solver.methods import load
 from solver.options import FusionOptions
 from solver.preparation import noise as noise_law
+from solver.preparation.farthest import check_units, measured
 from solver.preparation.problem import Solution
 from solver.result import Fused, Report, Seconds
 from solver.runtime.threads import enough_threads
+from solver.stream.change import Look
 from solver.stream.following import Follower
 from solver.stream.window import Window
 
@@ -29,7 +31,7 @@ class SlidingFusion:
 
     Positions are relative to the first frame pushed, which fixes the grid until `reset` or until the
     newest frame overlaps it by less than half; then the grid moves to the newest frame and the notes of
-    the report say so. Those of the first 15 frames, unless they are given, change as more come. A map that
+    the report say so. Those of the first frames, 15 at most, change as more come, unless given. A map that
     starts from the one before is not certified: its report has no gap.
 
     A full window of at least 8 frames is solved anew only now and then (see `stream.window`). Between, one
@@ -101,6 +103,8 @@ class SlidingFusion:
         )
         light = None if lights is None else lights[0].copy()
         self._check_like(frame, light)
+        check_units(frame[None], self._range)
+        known = measured(frame, self._range)
         options = replace(self._options, method=resolve(self._options.method, light, self._range))
         given = self._given(shift, rotation)
         guess = None
@@ -110,13 +114,13 @@ class SlidingFusion:
             try:
                 notes: tuple[str, ...] = ()
                 if given is None:
-                    pose, notes = self._follow(frame, light, None if guess is None else guess[0])
+                    pose, notes = self._follow(known, light, None if guess is None else guess[0])
                 else:
                     pose = given
                     self._follower.forget()
                 self._misfits = 0
                 registered = time.perf_counter()
-                notes += self._append(frame, light, pose)
+                notes += self._append(frame, light, pose, self._look(known, light))
                 return self._fuse(options, notes, begin, registered)
             except RegistrationError:
                 raise
@@ -187,15 +191,18 @@ class SlidingFusion:
         vector = checks.check_vectors(name, np.asarray(value)[None], 1, (len(self._window.grid),))
         return None if vector is None else vector[0]
 
-    def _append(
-        self, frame: NDArray[np.float32], light: NDArray[np.float32] | None, pose: Pose
-    ) -> tuple[str, ...]:
-        noise = self._noise
+    def _look(self, frame: NDArray[np.float32], light: NDArray[np.float32] | None) -> Look:
+        lights, noise = None if light is None else light[None], self._noise
         if noise is None:
-            noise = noise_law.estimate(frame[None], None if light is None else light[None], self._range)
+            noise = noise_law.estimate(frame[None], lights, self._range)
+        return Look(0.0 if lights is None else noise_law.median_light(lights, frame[None]), noise)
+
+    def _append(
+        self, frame: NDArray[np.float32], light: NDArray[np.float32] | None, pose: Pose, look: Look
+    ) -> tuple[str, ...]:
         number = self._pushed
         self._pushed += 1
-        if not self._window.add(number, frame, light, pose, noise):
+        if not self._window.add(number, frame, light, pose, look):
             return ()
         self._forget()
         return (f"the grid moved to frame {number}: it overlapped the former one by less than half",)

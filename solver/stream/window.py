@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from solver.geometry.poses import Pose, PoseSpace, overlap
 from solver.options import FusionOptions
-from solver.preparation import noise as noise_law
 from solver.preparation.prepare import exchange, prepare
 from solver.preparation.problem import Problem
 from solver.stream.change import Basis, Look
@@ -62,6 +61,7 @@ class Window:
     def clear(self) -> None:
         """Forget every frame."""
         self.entries.clear()
+        self._since_change = self._size + 1
         self.renew()
 
     def renew(self) -> None:
@@ -76,17 +76,16 @@ class Window:
         distance: NDArray[np.float32],
         amplitude: NDArray[np.float32] | None,
         pose: Pose,
-        noise: float,
+        look: Look,
     ) -> bool:
         """Add a frame (H, W), for which a full window gives up its oldest; whether the grid moved to it."""
         if not self.entries:
             self.grid = pose
-        light = 0.0 if amplitude is None else noise_law.median_light(amplitude[None], distance[None])
-        entry = self._entry(number, distance, amplitude, pose, Look(light, noise))
+        entry = self._entry(number, distance, amplitude, pose, look)
         moved = overlap(entry.positions) < 0.5
         if moved:
             self.grid = pose
-            entry = self._entry(number, distance, amplitude, pose, entry.look)
+            entry = self._entry(number, distance, amplitude, pose, look)
             kept = [self._entry(e.number, e.distance, e.amplitude, e.pose, e.look) for e in self.entries]
             self.clear()
             self.entries.extend(kept)
@@ -145,7 +144,11 @@ class Window:
                 noise=self._noise(),
             )
             self._problem.changed = self._changed
-            self._basis = Basis.of(self._problem, [entry.look for entry in self.entries])
+            if len(self.entries) == self._size >= _MANY:
+                self._basis = Basis.of(self._problem, [entry.look for entry in self.entries])
+                # What changed just now, or while the window filled, is no event of a frame to come.
+                if self._basis.mixed and self._since_change > self._size:
+                    self._since_change = 0
         return self._problem
 
     def _noise(self) -> float:

@@ -8,7 +8,7 @@ import pytest
 from solver import Fused, FusionOptions, SlidingFusion, fuse
 from solver.options import Method
 
-ROWS, COLUMNS, FRAMES, BEGIN, WINDOW, RANGE = 24, 30, 34, 16, 9, 7.5
+ROWS, COLUMNS, FRAMES, BEGIN, WINDOW, RANGE = 24, 30, 40, 16, 9, 7.5
 METHODS: tuple[Method, ...] = ("lidarboost", "area", "phasor")
 
 
@@ -69,12 +69,16 @@ def test_what_was_not_seen_at_first_is_shown_as_soon_as_it_is(method: Method, fo
     assert max(apart(pair, np.s_[4:-4, 34:-4]) for pair in pairs) < 0.004
 
 
+@pytest.mark.parametrize("begin", [1, 5, 7, BEGIN, 27])
 @pytest.mark.parametrize("method", METHODS)
-def test_less_light_loses_no_map(method: Method, footage: Footage) -> None:
-    footage.amplitude[BEGIN:] *= np.float32(0.1)
-    pairs = footage.streamed(method, None, range(BEGIN + WINDOW, BEGIN + WINDOW + 4))
-    assert max(apart(pair, np.s_[4:-4, 4:-4]) for pair in pairs) < 0.004
-    assert pairs[-1][0].report.noise == pytest.approx(pairs[-1][1].report.noise, rel=0.2)
+def test_less_light_loses_no_map(method: Method, begin: int, footage: Footage) -> None:
+    footage.amplitude[begin:] *= np.float32(0.1)
+    more = 0.1 * np.random.default_rng(3).normal(size=footage.distance[begin:].shape)
+    footage.distance[begin:] += more.astype(np.float32)
+    pairs = footage.streamed(method, None, range(begin + WINDOW, min(begin + WINDOW + 4, FRAMES)))
+    for pair in pairs[1:]:
+        assert apart(pair, np.s_[4:-4, 4:-4]) < 0.02
+        assert pair[0].report.noise == pytest.approx(pair[1].report.noise, rel=0.2)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -108,7 +112,7 @@ def test_a_thing_that_comes_and_stays_is_shown_or_doubted(
 
 @pytest.mark.parametrize("method", METHODS)
 def test_what_moves_spoils_nothing_elsewhere(method: Method, footage: Footage) -> None:
-    for number in range(BEGIN, FRAMES):
+    for number in range(BEGIN, 34):
         footage.paint(number, (16, 21, number - BEGIN, number - BEGIN + 6), 1.2)
-    for stream, whole in footage.streamed(method, 10.0, range(BEGIN + 2, FRAMES)):
+    for stream, whole in footage.streamed(method, 10.0, range(BEGIN + 2, 34)):
         assert apart((stream, whole), np.s_[4:26, 4:-4]) < 0.01

@@ -95,3 +95,21 @@ def test_nothing_is_too_far_where_all_is_as_far(value: float) -> None:
     kept, beyond = without(distance, find_farthest(distance, None))
     assert kept is distance
     assert not beyond.any()
+
+
+def test_codes_are_no_noise_of_a_stream() -> None:
+    rng = np.random.default_rng(4)
+    frames = (2 + 0.01 * rng.normal(size=(3, 20, 24))).astype(np.float32)
+    frames[rng.random(frames.shape) < 0.1] = 65535
+    sliding = SlidingFusion(FusionOptions(method="area", upsampling=2), window=3)
+    for frame in frames:
+        fused = sliding.push(frame, shift=[0, 0])
+    assert fused.report.noise == pytest.approx(0.01, rel=0.3)
+
+
+def test_a_frame_of_another_unit_does_not_come_into_the_window() -> None:
+    frame = np.full((20, 24), 2, np.float32)
+    sliding = SlidingFusion(FusionOptions(method="area", upsampling=2), window=3, ambiguity_range=7.5)
+    with pytest.raises(FusionInputError, match="same unit"):
+        sliding.push(1000 * frame, shift=[0, 0])
+    assert sliding.push(frame, shift=[0, 0]).report.used == (0,)
