@@ -24,7 +24,7 @@ def recording_of(camera: Camera) -> Recording | None:
     return None if played is None else played.recording
 
 
-def truth_of(camera: Camera, upsampling: int) -> Callable[[], NDArray[np.float32] | None]:
+def truth_finder(camera: Camera, upsampling: int) -> Callable[[], NDArray[np.float32] | None]:
     """What gives (βH, βW) true distance of the reference view, metres: recorded, simulated, or None.
 
     Any thread may call it, whatever becomes of the camera. It takes its time where that is simulated.

@@ -12,7 +12,7 @@ from drivers.calibration import Calibration
 from drivers.recording import Recording, RecordingHead
 from drivers.settings import Capabilities
 from service.capture.head import head_of
-from service.capture.played import recording_of, truth_of
+from service.capture.played import recording_of, truth_finder
 from service.capture.rig import Rig
 from service.config.sections import Configuration
 from service.daemon.fusing import Fusing
@@ -104,7 +104,7 @@ class Origin:
         fits = truth is not None and truth.shape[0] == upsampling * known.calibration.height
         if not rig.is_open or fits or self._sought == (rig, upsampling):
             return
-        find = truth_of(rig.camera, upsampling)
+        find = truth_finder(rig.camera, upsampling)
         if wait or known.camera.source != "simulation":
             self._fusing.truth = find()
             return

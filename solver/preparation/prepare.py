@@ -10,7 +10,7 @@ from solver.kernels import differences as kernels
 from solver.options import SINGLE, FusionOptions
 from solver.preparation import noise as noise_law
 from solver.preparation.consensus import MAJORITY, Consensus
-from solver.preparation.farthest import check_units, find_farthest, without
+from solver.preparation.farthest import find_farthest, without
 from solver.preparation.problem import Problem
 from solver.preparation.scatter import LEAST, assign, scatter
 from solver.preparation.wrapping import find_cut, unwrapped
@@ -32,12 +32,11 @@ def prepare(
     are those that the other frames contradict, unless the noise is not known or the method shows one frame.
 
     Raises:
-        FusionInputError: no sample is left, or most are too far for the ambiguity range.
+        FusionInputError: no sample is left.
     """
     lost = np.isnan(positions[..., 0])
     if lost.any():
         distance = np.where(lost, np.float32(np.nan), distance)
-    check_units(distance, ambiguity_range)
     farthest = find_farthest(distance, ambiguity_range)
     distance, beyond = without(distance, farthest)
     if noise is None:

@@ -7,7 +7,7 @@ from solver.errors import RegistrationError
 from solver.registration.equations import Equations
 from solver.registration.fit import FITS, OVERLAP, STANDS_OUT, SUSPECT, misfits
 from solver.registration.placement import Placement
-from solver.registration.reference import FEWEST, why_no_reference
+from solver.registration.reference import why_no_reference, why_too_few
 from solver.registration.start import find_start, period, seek_shifts, start_at
 
 Float = NDArray[np.float64]
@@ -34,11 +34,8 @@ class Alignment:
         Raises:
             RegistrationError: the reference has none, or nothing to place the others by.
         """
-        used = (self.placed.levels[0].weights > 0).mean(axis=(1, 2))
-        for k in np.flatnonzero(used < FEWEST):
-            self.placed.rejected[int(k)] = (
-                f"{100 * used[k]:.1f} % of its pixels are valid; at least {100 * FEWEST:.0f} % are needed"
-            )
+        few = {k: why_too_few(weights) for k, weights in enumerate(self.placed.levels[0].weights)}
+        self.placed.rejected |= {k: why for k, why in few.items() if why}
         others, reference = self.placed.active, self.placed.reference
         others[reference] = False
         why = why_no_reference(self.placed.levels, reference, others)

@@ -9,9 +9,9 @@ from solver.registration.samples import Samples, pyramid, scaling
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-FEWEST = 0.05  # share of valid pixels under which a frame cannot be placed
-BLANK = 0.05  # of the other frames' contrast; frames of a twentieth of the light fit none of them anyhow
-NOTHING = 0.01  # deviations; a plain wall has those of its noise, about one where it is pooled most
+_FEWEST = 0.05  # share of valid pixels under which a frame cannot be placed
+_BLANK = 0.05  # of the other frames' contrast; frames of a twentieth of the light fit none of them anyhow
+_NOTHING = 0.01  # deviations; a plain wall has those of its noise, about one where it is pooled most
 
 
 def check_first(distance: Image, amplitude: Image | None, ambiguity_range: float | None) -> None:
@@ -29,17 +29,25 @@ def check_first(distance: Image, amplitude: Image | None, ambiguity_range: float
         )
 
 
+def why_too_few(weights: Image) -> str:
+    """Why a frame of such weights cannot be placed; empty where enough of its pixels are valid."""
+    share = (weights > 0).mean()
+    if share >= _FEWEST:
+        return ""
+    return f"{100 * share:.1f} % of its pixels are valid; at least {100 * _FEWEST:.0f} % are needed"
+
+
 def why_no_reference(levels: list[Samples], reference: int, others: Mask) -> str:
     """Why the other frames (N,) cannot be placed by the reference; empty where they can.
 
     A plain wall is no reason: no frame shows more of it, and all stay where they are guessed.
     """
-    share = (levels[0].weights[reference] > 0).mean()
-    if share < FEWEST:
-        return f"{100 * share:.1f} % of its pixels are valid; at least {100 * FEWEST:.0f} % are needed"
+    too_few = why_too_few(levels[0].weights[reference])
+    if too_few:
+        return too_few
     contrast = _contrast(levels[-1])
     told = contrast[others & np.isfinite(contrast)]
-    least = BLANK * float(np.median(told)) if told.size else NOTHING
+    least = _BLANK * float(np.median(told)) if told.size else _NOTHING
     if not contrast[reference] >= least:  # NaN, where too few pixels are left to tell
         return "it has no light, or is the same everywhere"
     return ""

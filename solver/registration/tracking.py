@@ -16,7 +16,7 @@ from solver.registration.mosaic import Mosaic, halved
 from solver.registration.motion import Motion, Rotation, Shift
 from solver.registration.placement import ALIASED, DENSITY, SMOOTHING
 from solver.registration.point_samples import Points
-from solver.registration.reference import FEWEST
+from solver.registration.reference import why_too_few
 from solver.registration.samples import Samples, Scaling, pyramid, scaling
 from solver.registration.start import find_start, period
 from solver.registration.steps import solve_steps
@@ -93,11 +93,9 @@ class Track:
         """
         levels = self._prepared(distance, amplitude)
         points = [self._points(samples) for samples in levels[:2]]
-        used = len(points[0].weights) / levels[0].weights.size
-        if used < FEWEST:
-            raise RegistrationError(
-                f"{100 * used:.1f} % of its pixels are valid; at least {100 * FEWEST:.0f} % are needed"
-            )
+        too_few = why_too_few(levels[0].weights)
+        if too_few:
+            raise RegistrationError(too_few)
         prior = _parameters(guess)
         near = self._started(levels, prior, guided=True)
         found, equations = self._refined(points, near, prior)

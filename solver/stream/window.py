@@ -20,8 +20,8 @@ _ROUNDS = 2
 often maps per second."""
 
 _PART = 3
-"""Part of the window that has to be exchanged before a change has it prepared anew: more seldom shows the
-change late, more often costs time."""
+"""After a change the window is prepared anew when one in so many of its frames has been exchanged: more
+seldom shows the change late, more often costs time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,9 +42,9 @@ class Window:
 
     The problem of a full window, unless its frames are few, changes frame by frame. Now and then it is
     prepared anew: noise, λ and what else belongs to all frames follow the scene that slowly, and sums that
-    frames are added to and taken from do not gather rounding errors. So it is where what the frames show has
-    changed, as soon as they agree on it, and once more when those of before are gone. What was learned of the
-    former scene, and a map that came from there, would hold out for long.
+    frames are added to and taken from do not gather rounding errors. So it is every third of a window while
+    frames of before and after a change are mixed, and once more when those of before are gone: what was
+    learned of the former scene, and a map that came from there, would hold out for long.
 
     Attributes:
         grid: pose of the frame on whose grid positions are.

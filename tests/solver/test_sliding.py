@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
+from made_streams import COLUMNS, ROWS, long_stream
 
-from solver import FusionInputError, FusionOptions, RegistrationError, SlidingFusion, fuse
-from solver.evaluation import DepthMap, make_trial, procedural_object
+from solver import FusionInputError, FusionOptions, SlidingFusion, fuse
 from solver.preparation.prepare import exchange
 from solver.preparation.problem import Problem
 
-ROWS, COLUMNS = 20, 24
 SHIFTS = np.array([[0, 0], [0.25, 0.5], [-0.5, 0.25], [0.5, -0.25], [-0.25, -0.4], [0.1, 0.6]])
 
 
@@ -43,20 +42,6 @@ def test_a_window_gives_what_fuse_gives(method: str) -> None:
         assert streamed.report.objective == pytest.approx(whole.report.objective, rel=5e-3)
 
 
-def long_stream(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Frames (N, H, W) of the block, with fresh noise, their amplitudes and their shifts."""
-    rng = np.random.default_rng(8)
-    shifts = rng.uniform(-0.7, 0.7, size=(count, 2))
-    shifts[0] = 0
-    rows, columns = np.mgrid[0:ROWS, 0:COLUMNS]
-    stack = []
-    for dy, dx in shifts:
-        y, x = rows + dy, columns + dx
-        block = np.clip(y - 5, 0, 1) * np.clip(14 - y, 0, 1) * np.clip(x - 6, 0, 1) * np.clip(16 - x, 0, 1)
-        stack.append(2.0 + 0.01 * x - 0.5 * block + 0.005 * rng.normal(size=block.shape))
-    return np.array(stack, np.float32), np.full((count, ROWS, COLUMNS), 1000, np.float32), shifts
-
-
 @pytest.mark.parametrize("method", ["lidarboost", "area", "phasor"])
 def test_a_window_whose_frames_are_exchanged_gives_what_fuse_gives(method: str) -> None:
     # A window of 10 is prepared with frame 9 and again with frame 30; those between only change places.
@@ -85,25 +70,6 @@ def test_a_window_whose_frames_are_exchanged_gives_what_fuse_gives(method: str) 
         assert np.percentile(spread, 99) < (2 if method == "phasor" else 0.3)
         if method == "lidarboost":  # one convex problem, whatever the start
             assert streamed.report.objective == pytest.approx(whole.report.objective, rel=0.06)
-
-
-@pytest.mark.parametrize("method", ["lidarboost", "area", "phasor"])
-def test_another_scene_is_as_fuse_gives_it_once_the_window_is_full_of_it(method: str) -> None:
-    distance, amplitude, shifts = long_stream(32)
-    distance[14:] = distance[14:, ::-1, ::-1] + np.float32(0.4)
-    amplitude[14:] *= np.linspace(0.2, 1.5, COLUMNS, dtype=np.float32)
-    turned = np.concatenate([shifts[:14], -shifts[14:]])
-    options, known = FusionOptions(method=method), {"ambiguity_range": 7.5, "noise": 5.0}  # type: ignore[arg-type]
-    sliding = SlidingFusion(options, window=9, **known)
-    for number, shift in enumerate(turned):
-        streamed = sliding.push(distance[number], amplitude[number], shift=shift)
-        if number < 22:
-            continue
-        window = slice(number - 8, number + 1)
-        whole = fuse(distance[window], amplitude[window], shifts=turned[window], options=options, **known)
-        difference = np.abs(streamed.distance - whole.distance)[8:-8, 8:-8]
-        # Noise of 5 mm to 30 mm; `area` learns from each window how lights mix.
-        assert difference.mean() < (0.02 if method == "area" else 0.003)
 
 
 @pytest.mark.parametrize("method", ["lidarboost", "area", "phasor"])
@@ -263,82 +229,6 @@ def test_refuses_a_window_without_frames() -> None:
         SlidingFusion(window=0)
 
 
-def test_a_stream_without_guesses_follows_the_frames_and_does_not_drift() -> None:
-    trial = make_trial(DepthMap(procedural_object(), oversampling=2), variance=0.7, seed=2)
-    sliding = SlidingFusion(FusionOptions(method="shift-and-add"), window=10)
-    for _ in range(4):
-        fused = [sliding.push(frame) for frame in trial.distance]
-    assert np.sqrt(np.mean((fused[-1].shifts - trial.shifts) ** 2)) < 0.03
-
-
-def test_a_frame_that_fits_none_leaves_a_stream_as_it_was() -> None:
-    trial = make_trial(DepthMap(procedural_object(), oversampling=2), variance=0.7, seed=2)
-    sliding = SlidingFusion(FusionOptions(method="shift-and-add"), window=10)
-    for frame in trial.distance[:8]:
-        sliding.push(frame)
-    with pytest.raises(RegistrationError, match="frame 8 does not fit"):
-        sliding.push(trial.distance[8, ::-1])
-    fused = sliding.push(trial.distance[8])
-    assert np.abs(fused.shifts[-1] - trial.shifts[8]).max() < 0.05
-
-
-def test_a_stream_starts_over_where_the_scene_is_another_one() -> None:
-    trial = make_trial(DepthMap(procedural_object(), oversampling=2), variance=0.7, seed=2)
-    sliding = SlidingFusion(FusionOptions(method="shift-and-add"), window=10)
-    for frame in trial.distance[:8]:
-        sliding.push(frame)
-    for frame in trial.distance[:4]:
-        with pytest.raises(RegistrationError, match="frame 8 does not fit"):
-            sliding.push(frame[::-1])
-    anew = sliding.push(trial.distance[4, ::-1])
-    assert anew.report.used == (8,)
-    assert "started over at frame 8" in anew.report.notes[0]
-    assert sliding.push(trial.distance[5, ::-1]).report.used == (8, 9)
-
-
-@pytest.mark.parametrize("blank", ["dark", "even", "empty"])
-def test_a_stream_does_not_begin_with_a_frame_that_shows_nothing(blank: str) -> None:
-    distance, amplitude, shifts = long_stream(14)
-    few = np.full_like(distance[0], np.nan)
-    few[3, 3] = 2
-    blanks = {
-        "dark": (distance[0], 0 * amplitude[0]),
-        "even": (np.full_like(distance[0], 2), amplitude[0]),
-        "empty": (few, amplitude[0]),
-    }
-    sliding = SlidingFusion(FusionOptions(method="shift-and-add"), window=8, ambiguity_range=7.5)
-    with pytest.raises(RegistrationError, match="begin with one that shows the scene"):
-        sliding.push(*blanks[blank])
-    found = [sliding.push(frame, light).shifts[-1] for frame, light in zip(distance, amplitude, strict=True)]
-    assert np.abs(found[7] - shifts[7]).max() < 0.1
-    # Nor does it start over with one, however many there are.
-    for _ in range(6):
-        with pytest.raises(RegistrationError):
-            sliding.push(*blanks[blank])
-    assert sliding.push(distance[13], amplitude[13]).report.used == (7, 8, 9, 10, 11, 12, 13, 14)
-
-
-@pytest.mark.parametrize("lit", [False, True])
-def test_a_stream_of_a_plain_wall_stays_at_rest(lit: bool) -> None:
-    rng = np.random.default_rng(0)
-    sliding = SlidingFusion(FusionOptions(method="shift-and-add"), window=8, ambiguity_range=7.5)
-    for _ in range(20):
-        light = rng.normal(1000, 5, (ROWS, COLUMNS)) if lit else None
-        fused = sliding.push(rng.normal(2, 0.005, (ROWS, COLUMNS)), light)
-        assert np.abs(fused.shifts).max() < 1
-
-
-@pytest.mark.parametrize("window", [1, 3])
-def test_frames_of_a_short_window_do_not_drift(window: int) -> None:
-    distance, amplitude, shifts = long_stream(80)
-    sliding = SlidingFusion(FusionOptions(method="shift-and-add"), window=window, ambiguity_range=7.5)
-    found = [sliding.push(frame, light).shifts[-1] for frame, light in zip(distance, amplitude, strict=True)]
-    off = np.array(found) - shifts
-    # One after the other alone they would be as far off as the errors of all before sum up to.
-    assert np.sqrt(np.mean(off[-20:] ** 2)) < 0.05
-    assert np.sqrt(np.mean(off[-20:] ** 2)) < 1.5 * np.sqrt(np.mean(off[1:21] ** 2))
-
-
 @pytest.mark.parametrize(("method", "most"), [("lidarboost", 6), ("area", 24)])
 def test_a_stream_that_is_prepared_anew_is_not_run_to_its_end(method: str, most: int) -> None:
     distance, amplitude, shifts = long_stream(34)
@@ -349,13 +239,3 @@ def test_a_stream_that_is_prepared_anew_is_not_run_to_its_end(method: str, most:
         for frame, light, shift in zip(distance, amplitude, shifts, strict=True)
     ]
     assert max(taken[12:]) <= most < 0.7 * taken[9]
-
-
-def test_codes_for_invalid_pixels_misplace_no_frame_of_a_stream() -> None:
-    distance, _, shifts = long_stream(12)
-    distance[np.random.default_rng(1).random(distance.shape) < 0.02] = 65535
-    sliding = SlidingFusion(FusionOptions(method="lidarboost"), window=12)
-    for frame, shift in zip(distance, shifts, strict=True):
-        fused = sliding.push(frame, initial=shift)
-    assert np.abs(fused.shifts - shifts).max() < 0.3
-    assert np.nanmax(fused.distance) < 3
